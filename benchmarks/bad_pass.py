@@ -102,7 +102,7 @@ def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator]
     errors = any(one.severity == "error" for one in told)
     return Seen(
         severity="refused" if errors else "said" if told else "quiet",
-        named=any(words in one.text for one in told),
+        named=any(words in str(one.words) for one in told),
         codes=tuple(one.code for one in told),
         after=_after(result, machine),
         squareness=tuple(within(result, machine, case.increments)["squareness"]),

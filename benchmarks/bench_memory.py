@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from benchmarks.bench_replay import BLOCK, SECOND_NS
 from benchmarks.stand import SURVEY
 from benchmarks.table import Row
+from stepdiag.base.messages import message
 from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def simulate(hours: float, folder: Path) -> tuple[float, float, int]:
         if second % PASS_S == PASS_S - PAUSE_S // 2:
             gc.collect()
             told.append((resident_mb(), sys.getallocatedblocks()))
-    session.close("the end of the benchmark")
+    session.close(message("closed-stopped"))
     recorder.stop(60)
     return told[0][0], told[-1][0], told[-1][1] - told[0][1]
 

@@ -205,7 +205,7 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
         errors=_codes(result, "error"),
         warnings=_codes(result, "warning"),
         export=export_codes(result),
-        texts=tuple(f"{each.code}: {each.text}" for each in result.findings if each.severity != "info"),
+        texts=tuple(f"{each.code}: {each.words}" for each in result.findings if each.severity != "info"),
         before=before,
         after=after,
         within=within(result, survey.machine, survey.box.increments),

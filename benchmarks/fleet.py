@@ -24,7 +24,7 @@ from stepdiag.fleet.history import series_in
 from stepdiag.fleet.rows import About, rows_of
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.fleet.trend import YEAR, Trend, trend_of
+from stepdiag.fleet.trend import YEAR, Trend, trends_of
 from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.drive.sequence import outward_direction
 from stepdiag.virtual.physics.environment import Course, Environment
@@ -147,7 +147,7 @@ def judged(trends: Sequence[Trend], lives: dict[str, Life]) -> Judged:
     watched = {each.series.machine: each for each in trends if each.series.quantity == WATCHED}
     crashed = [(watched[life.name], life) for life in lives.values() if life.crash is not None]
     drifted = [(watched[life.name], life) for life in lives.values() if life.drift]
-    slopes = [each.line is not None and abs(each.line.slope - life.drift) <= each.line.expanded for each, life in drifted]
+    slopes = [each.line is not None and abs(each.line.size - life.drift) <= 2 * each.line.u for each, life in drifted]
     leaving = [(each, life) for each, life in drifted if each.leaving is not None and each.outside == "no"]
     return Judged(
         still=len(quiet),
@@ -172,17 +172,17 @@ def _touched(quantity: str) -> bool:
 
 def _found(trend: Trend, life: Life) -> bool:
     """Tell whether the crash is said, before the right survey, with its name."""
-    (crash,) = (point.time for point in trend.series.points if point.event == "crash")
-    return any(step.since == crash and step.after == "crash" and abs(step.change - life.step) <= 2 * step.expanded for step in trend.steps)
+    (crash,) = (number for number, survey in enumerate(trend.series.surveys) if survey.event == "crash")
+    return any(step.at == crash and trend.cause(step) == "crash" and abs(step.size - life.step) <= 4 * step.u for step in trend.steps)
 
 
 def _in_time(trend: Trend, life: Life) -> bool:
     """Tell whether the true day of leaving lies in the interval that is said."""
     begun = random_errors(1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES).squareness_urad[WATCHED]
     day = FIRST + YEAR * ((np.copysign(TOLERANCE_URAD, life.drift) - begun) / life.drift)
-    told = trend.leaving
-    assert told is not None
-    return told.earliest is not None and told.earliest <= day and (told.latest is None or day <= told.latest)
+    leaving = trend.leaving
+    assert leaving is not None
+    return leaving.earliest is not None and leaving.earliest <= day and (leaving.latest is None or day <= leaving.latest)
 
 
 def lives_of(machines: int, surveys: int, first: int = 0) -> dict[str, Life]:
@@ -190,9 +190,9 @@ def lives_of(machines: int, surveys: int, first: int = 0) -> dict[str, Life]:
     return {life.name: life for life in (life_of(number, surveys) for number in range(first, first + machines))}
 
 
-def trends_of(store: Store) -> list[Trend]:
+def trends_in(store: Store) -> list[Trend]:
     """Return the trends of a store, C0Y against its tolerance."""
-    return [trend_of(each, TOLERANCE_URAD if each.quantity == WATCHED else None) for each in series_in(store)]
+    return trends_of(series_in(store, datetime.now(UTC)), lambda _, quantity: TOLERANCE_URAD if quantity == WATCHED else None)
 
 
 def generate(address: str, machines: int, surveys: int, workers: int, first: int = 0) -> Iterator[int]:
@@ -220,7 +220,7 @@ def main() -> None:
     store = Store(options.store)
     refresh_index(store, most_loose=0)
     print(f"{solved} surveys driven and solved in {time.monotonic() - began:.0f} s")
-    print(judged(trends_of(store), lives_of(options.machines, options.surveys, options.first)))
+    print(judged(trends_in(store), lives_of(options.machines, options.surveys, options.first)))
 
 
 if __name__ == "__main__":

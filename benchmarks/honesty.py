@@ -7,7 +7,8 @@ after a compensation with everything that was found, anywhere in the volume) wit
 together instead: a class by itself cannot tell an interval that is too wide from one that must hold its other classes too.
 
 ``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
-(`benchmarks.false_alarms`); without options this table follows the other one.
+(`benchmarks.false_alarms`); without options this table follows the other one, and what `trend` and `compare` report of machines over years
+(`benchmarks.fates`) follows both.
 """
 
 import argparse
@@ -238,6 +239,10 @@ def main() -> None:
     if options.false_alarms or not (options.mixed or options.case):
         alarms = false_alarms.FIRST_SEED if options.first is None else options.first
         false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms, large=options.large)
+    if options.false_alarms is None and not (options.mixed or options.case):
+        from benchmarks import fates
+
+        fates.print_table(fates.rows(fates.MACHINES))
 
 
 def print_classes(seeds: Sequence[int], part: str) -> None:

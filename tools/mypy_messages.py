@@ -1,17 +1,33 @@
-"""A plugin of mypy: every `message("key", ...)` has a key of the catalogue, and arguments of its names and types."""
+"""A plugin of mypy: every `message("key", ...)` has a key of the catalogue, and arguments of its names and types.
+
+And no code of the program reads the English text of a finding, to decide by it or to show it: `in_words` renders it for the reader,
+code, key and arguments tell what it is about.
+"""
 
 from collections.abc import Callable
 
 from mypy.nodes import ARG_STAR2
-from mypy.plugin import FunctionContext, Plugin, ReportConfigContext
+from mypy.plugin import AttributeContext, FunctionContext, Plugin, ReportConfigContext
 from mypy.subtypes import is_subtype
 from mypy.types import Instance, LiteralType, Type, UnionType, get_proper_type
 
 from stepdiag.texts.patterns import sentences, slots
 
+TEXTS = ("stepdiag.base.findings.Finding.text", "stepdiag.daq.records.status.FindingStatus.text")
+"""English sentences for logs, results and programs outside."""
+READERS = (
+    "stepdiag/base/findings.py",
+    "stepdiag/daq/records/status.py",
+)
+"""Where a text is written out, and where one of an old log or result takes the place of a message."""
+
 
 class Messages(Plugin):
-    """Look at the calls of one function."""
+    """Look at the calls of one function, and at the texts that nothing reads."""
+
+    def get_attribute_hook(self, fullname: str) -> Callable[[AttributeContext], Type] | None:
+        """Return what looks at an attribute."""
+        return _refuse_text if fullname in TEXTS else None
 
     def get_function_hook(self, fullname: str) -> Callable[[FunctionContext], Type] | None:
         """Return what looks at a call."""
@@ -20,6 +36,13 @@ class Messages(Plugin):
     def report_config_data(self, ctx: ReportConfigContext) -> object:
         """Return what a checked file hangs on beside its own text: the catalogue."""
         return {key: sorted(slots(key).items()) for key in sorted(sentences())} if ctx.id.startswith("stepdiag") else None
+
+
+def _refuse_text(read: AttributeContext) -> Type:
+    path = read.api.path
+    if "tests/" not in path and not path.endswith(READERS):
+        read.api.fail("The text of a finding is for old logs and programs outside: use in_words, or its code and arguments", read.context)
+    return read.default_attr_type
 
 
 def _check(call: FunctionContext) -> Type:

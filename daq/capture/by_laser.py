@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Severity, finding
+from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.route import Route, agrees, make_route
@@ -91,8 +92,7 @@ class ByLaser:
         if self._lost_ns is not None:
             if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
                 self._over_with = True
-                text = "the laser's count was lost: without signals nobody can say where the machine stands; drive the pass again"
-                outcomes.append(Ended("aborted", f"{self._setup}: {text}"))
+                outcomes.append(Ended("aborted", message("count-lost-unplaced", setup=self._setup)))
             return dwells, outcomes
         lost = self._lost()
         for over in self._over(lost=lost):
@@ -166,8 +166,7 @@ class ByLaser:
         if way is None:
             return []
         if self._fresh and way is not self._outward:
-            text = f"the laser moved by {moved:.3f} mm from the first stop to the second, the geometry wants {-moved:.3f} mm"
-            self._say("wrong-laser-sign", f"{text}: the sign of the laser is the wrong way round, or it is another setup", outcomes)
+            self._say("error", message("wrong-laser-sign.first", setup=self._setup, moved_mm=moved, wanted_mm=-moved), outcomes)
             return []
         self._place = _Place(self._routes[way], 1, {0: first.level_mm, 1: stand.level_mm})
         return [(0, first), (1, stand)]
@@ -178,20 +177,17 @@ class ByLaser:
         if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
             return
         if place.stop == -1:
-            text = "the machine went on by a step of the pass after its last stop: the pass before may be off by a stop, drive it again"
-            self._say("place-unknown", text, outcomes)
+            self._say("error", message("place-unknown.one-more", setup=self._setup), outcomes)
             return
         expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
         moved = stand.level_mm - place.levels[place.stop]
-        text = f"the machine stands {moved:.3f} mm from the stop before, the geometry wants {expected:.3f} mm: a feed hold; not used"
-        self._say("between-stops", text, outcomes)
+        self._say("warning", message("between-stops.apart", setup=self._setup, moved_mm=moved, wanted_mm=expected), outcomes)
 
-    def _say(self, code: str, text: str, outcomes: list[Outcome]) -> None:
-        """Say something once a log."""
-        if code not in self._said:
-            self._said.add(code)
-            severity = "warning" if code == "between-stops" else "error"
-            outcomes.append(Finding(code=code, severity=severity, text=f"{self._setup}: {text}", setup=self._setup))  # type: ignore[arg-type]
+    def _say(self, severity: Severity, said: Message, outcomes: list[Outcome]) -> None:
+        """Take a finding once a log."""
+        if said.code not in self._said:
+            self._said.add(said.code)
+            outcomes.append(finding(severity, said, Place(setup=self._setup)))
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
         """Return a standstill as a machine with signals would show it, at the planned position."""

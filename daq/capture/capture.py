@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Literal
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
@@ -27,7 +27,7 @@ from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.standing.standstill import Standstills
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
-from stepdiag.daq.records.events import LOST, Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
@@ -170,8 +170,8 @@ class Capture:
                 self.tracker.silent()
         elif event.interrupts and event.link in self._streams:
             self._streams[event.link].interrupted(event.time_ns)
-        elif LOST in event.detail:
-            self._remarks.lost(event.link, event.detail.partition(LOST)[2], outcomes)
+        else:
+            self._remarks.lost(event.link, event.lost, outcomes)
 
     def _take_block(self, block: ModbusBlock, outcomes: list[Outcome]) -> None:
         signals = self._decoder.decode(block)
@@ -205,7 +205,7 @@ class Capture:
     def _still(self, now_ns: int) -> Finding:
         text = message("heartbeat-still", seconds_s=self._pulse.for_s(now_ns))
         if self.walk is not None and not self.walk.ended:
-            return self.walk.finding("heartbeat-still", "error", self.walk.expected, text)
+            return self.walk.finding("error", self.walk.expected, text)
         return finding("error", text)
 
     def _left_program(self, signals: Signals) -> bool:
@@ -216,10 +216,10 @@ class Capture:
         if walk is None or self.ended or self._pending or self.tracker.open is not None:
             return
         if walk.expected > 0 and walk.last is not None:
-            why = "the program no longer runs" if signals.running is False else "the machine left the setup"
-            self._end("aborted", f"{walk.name}: {why} after stop {walk.expected - 1} of {len(walk.route) - 1}", outcomes)
+            why = message("program-left") if signals.running is False else message("setup-left")
+            self._end("aborted", walk.at(message("left-after", why=why, stop=walk.expected - 1, last=len(walk.route) - 1)), outcomes)
 
-    def _end(self, kind: Literal["complete", "aborted"], reason: str, outcomes: list[Outcome]) -> None:
+    def _end(self, kind: Literal["complete", "aborted"], reason: Message, outcomes: list[Outcome]) -> None:
         self._remarks.listen(outcomes)
         self.ended = Ended(kind, reason)
         outcomes.append(self.ended)
@@ -247,7 +247,7 @@ class Capture:
         if certain_s < rules.min_window_s or (certain_s < LAG_S and not self._at_expected(dwell.signals)):
             return
         taken = certain_window(placing, unbroken, rules)
-        if taken is not None and (not taken.doubtful or certain_s > PATIENCE * rules.min_window_s):
+        if taken is not None and (not taken.doubts or certain_s > PATIENCE * rules.min_window_s):
             self._taken_from_ns = dwell.from_ns
             self._pending.taken_early(known)
             self._take_dwell(known, outcomes)
@@ -289,7 +289,7 @@ class Capture:
         self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)
         outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
-            self._end("complete", f"{found.name}: stop {len(found.route) - 1} has gone by", outcomes)
+            self._end("complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes)
 
     def _reading_mm(self, dwell: Dwell) -> float | None:
         """Return what the laser reads at the first dwell; None where nothing, or where its count does not reach back to the log before."""

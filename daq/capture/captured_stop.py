@@ -1,6 +1,18 @@
 """A stop of a pass as it was captured: what goes into the log, and from there to the readings."""
 
+from collections.abc import Iterable
+from typing import Any
+
 import msgspec
+
+from stepdiag.base.messages import Message, Words, joined
+
+
+class Remark(msgspec.Struct, frozen=True):
+    """Why a person should look at a stop: a finding's code and its message; the text alone in a log that held nothing else."""
+
+    code: str
+    why: Words
 
 
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
@@ -9,10 +21,10 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     ``position_mm`` is the commanded position as the machine gave it, as planned where it gives none. ``reading_mm`` is what the laser
     says, sign applied, in its own length unit before any air correction, None where it sees nothing.
     ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
-    why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look
-    (``doubt_codes``: the findings that say so, where it is not `stop-doubtful`); ``refused`` (a finding's code) why the reading must not be
-    used; ``held`` names the conditions whose last credible value stands in for them. ``turned``: it is the last stop of the pass before, at
-    which the machine turned round and to which it came as on that pass. ``channels`` are the means of the 4-DOF head.
+    why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubts`` why a person should look;
+    ``refused`` (a finding's code) why the reading must not be used; ``held`` names the conditions whose last credible value stands in for
+    them. ``turned``: it is the last stop of the pass before, at which the machine turned round and to which it came as on that pass.
+    ``channels`` are the means of the 4-DOF head.
     """
 
     setup: str
@@ -32,10 +44,9 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     """Middle of the window, seconds since 1970."""
     beam: float | None
-    broken: str = ""
-    unwatched: str = ""
-    doubtful: str = ""
-    doubt_codes: tuple[str, ...] = ()
+    broken: Words = ""
+    unwatched: Words = ""
+    doubts: tuple[Remark, ...] = ()
     refused: str = ""
     recovered: bool = False
     turned: bool = False
@@ -47,9 +58,33 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     relative_humidity_percent: float | None = None
     held: tuple[str, ...] = ()
 
+    @property
+    def doubt_codes(self) -> tuple[str, ...]:
+        """Return the findings that a person should look at, each once."""
+        return tuple(dict.fromkeys(each.code for each in self.doubts))
 
-def marked(stop: CapturedStop, code: str, words: str) -> CapturedStop:
+    def why(self, *codes: str) -> Words:
+        """Return why a person should look at the stop, or as far as a finding names it; empty where nothing is doubted."""
+        return joined(list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes)))
+
+
+def from_log(fields: dict[str, Any]) -> CapturedStop:
+    """Return the stop that a log holds. Raises msgspec.ValidationError for another one.
+
+    A log of before has one text for all doubts, and their codes beside it.
+    """
+    words, codes = fields.pop("doubtful", ""), fields.pop("doubt_codes", ())
+    if words and "doubts" not in fields:
+        usual = "stop-recovered" if fields.get("recovered") else "stop-doubtful"
+        fields["doubts"] = [{"code": code, "why": words} for code in codes or (usual,)]
+    return msgspec.convert(fields, CapturedStop)
+
+
+def remarks_of(doubts: Iterable[Message]) -> tuple[Remark, ...]:
+    """Return what a stop holds of its doubts."""
+    return tuple(Remark(each.code, each) for each in doubts)
+
+
+def marked(stop: CapturedStop, doubt: Message) -> CapturedStop:
     """Return a stop that is doubtful for one more reason."""
-    before = stop.doubt_codes or (("stop-doubtful",) if stop.doubtful else ())
-    doubtful = "; ".join(text for text in (stop.doubtful, words) if text)
-    return msgspec.structs.replace(stop, doubtful=doubtful, doubt_codes=tuple(dict.fromkeys((*before, code))))
+    return msgspec.structs.replace(stop, doubts=(*stop.doubts, *remarks_of([doubt])))

@@ -7,11 +7,12 @@ and the stop is doubted where the reading depends on it. A reading is taken in a
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Literal, Protocol, cast
 
 import msgspec
 
 from stepdiag.base.conditions.air import HALL
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
@@ -33,6 +34,13 @@ class Course:
     unit: str
 
 
+CONDITIONS: Mapping[str, Message] = {
+    "material_temperature_c": message("material-temperature-c"),
+    "air_temperature_c": message("air-temperature-c"),
+    "air_pressure_hpa": message("air-pressure-hpa"),
+    "relative_humidity_percent": message("relative-humidity-percent"),
+}
+"""The conditions as a person reads them."""
 COURSES: Mapping[str, Course] = {
     "material_temperature_c": Course(1.0, 5.0, "C"),
     "air_temperature_c": Course(2.0, 10.0, "C"),
@@ -58,8 +66,7 @@ class Teller(Protocol):
         ...
 
 
-Remark = tuple[str, str]
-"""A finding's code and its words."""
+Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sensor-jump"]
 
 
 @dataclass(slots=True)
@@ -68,8 +75,8 @@ class Judged:
 
     signals: Signals
     held: tuple[str, ...] = ()
-    said: list[Remark] = field(default_factory=list)
-    doubted: list[Remark] = field(default_factory=list)
+    said: list[Message] = field(default_factory=list)
+    doubted: list[Message] = field(default_factory=list)
 
 
 def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int, *, silent: float | None = None) -> Signals:
@@ -113,7 +120,7 @@ class Conditions:
         self._environment = survey.environment
         self._needed = needed_conditions(survey)
         self._credible = dict(credible)
-        self._trouble: dict[str, str] = {}
+        self._trouble: dict[str, Trouble | None] = {}
         self._jumped: dict[str, list[float]] = {}
 
     @property
@@ -137,10 +144,10 @@ class Conditions:
             return last.value  # told before this log began
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
-            judged.doubted.append((code, f"{self._found(name, value, time_s)}, at {BELIEVED_STOPS} stops in a row: it is believed now"))
-            code = ""
+            judged.doubted.append(message("sensor-jump.believed", found=self._found(name, value, time_s), count=BELIEVED_STOPS))
+            code = None
         if code and self._trouble.get(name) != code:
-            judged.said.append((code, self._in_words(name, value, time_s)))
+            judged.said.append(self._in_words(code, name, value, time_s))
             judged.doubted += self._unknown(name, value)
         self._trouble[name] = code
         if not code:
@@ -151,14 +158,14 @@ class Conditions:
         held = self._credible.get(name)
         return None if held is None else held.value
 
-    def _wrong(self, name: str, value: float, time_s: float) -> str:
-        """Return the finding's code of a value that is not believed; empty for one that is."""
+    def _wrong(self, name: str, value: float, time_s: float) -> Trouble | None:
+        """Return the finding's code of a value that is not believed; None for one that is."""
         if math.isnan(value):
-            return "conditions-held"
+            return "conditions-held.silent"
         if not _possible(name, value):
-            return "conditions-held"
+            return "conditions-held.implausible"
         last = self._credible.get(name)
-        return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else ""
+        return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else None
 
     def _agreed(self, name: str, value: float) -> bool:
         """Tell whether enough stops in a row agree on a value after its jump."""
@@ -170,38 +177,40 @@ class Conditions:
         course = COURSES[name]
         return course.at_once + course.an_hour * max(0.0, time_s - self._credible[name].time_s) / 3600.0
 
-    def _unknown(self, name: str, value: float) -> list[Remark]:
+    def _unknown(self, name: str, value: float) -> list[Message]:
         """Return the doubt where the reading depends on what nobody has measured."""
         if name in self._credible or name not in self._needed:
             return []
         unit, stated = COURSES[name].unit, getattr(self._environment, name)
-        read = f"{name} is not told" if math.isnan(value) else f"{name} reads {value:g} {unit}"
-        text = (
-            f"{read}, and {stated:g} {unit} of [environment] "
-            'counts in its place: set it and source = "fixed" there, or solve with --environment FILE'
-        )
-        return [("air-unknown", text)]
+        counts = _value(stated, unit)
+        if math.isnan(value):
+            return [message("air-unknown.silent", name=CONDITIONS[name], stated=counts)]
+        return [message("air-unknown", name=CONDITIONS[name], read=_value(value, unit), stated=counts)]
 
-    def _found(self, name: str, value: float, time_s: float) -> str:
+    def _found(self, name: str, value: float, time_s: float) -> Message:
         low, high = HALL[name]
         last, unit = self._credible.get(name), COURSES[name].unit
         if last is None or not _possible(name, value):
-            return f"{name} reads {value:g} {unit}, which no hall has ({low:g} to {high:g})"
-        return f"{name} reads {value:g} {unit} after {last.value:g} {unit}, {time_s - last.time_s:.0f} s ago"
+            return message("no-hall-has", name=CONDITIONS[name], read=_value(value, unit), low=low, high=high)
+        before, ago_s = _value(last.value, unit), time_s - last.time_s
+        return message("reads-after", name=CONDITIONS[name], read=_value(value, unit), before=before, ago_s=ago_s)
 
-    def _in_words(self, name: str, value: float, time_s: float) -> str:
+    def _in_words(self, code: Trouble, name: str, value: float, time_s: float) -> Message:
         unit, last = COURSES[name].unit, self._credible.get(name)
         stated = getattr(self._environment, name)
         if math.isnan(value):
-            remedy = "check the sensor's cable and power, or solve with --environment FILE"
             if last is None:
-                return f"{name} has not been told yet: {stated:g} {unit} of [environment] is used; {remedy}"
-            return f"{name} has not been told for a minute: {last.value:g} {unit} is held; {remedy}"
-        found = self._found(name, value, time_s)
+                return message("conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit))
+            return message("conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit))
+        found, key = self._found(name, value, time_s), cast('Literal["conditions-held.implausible", "sensor-jump"]', code)
         if last is None:
-            return f"{found}: {stated:g} {unit} of [environment] is used; check the sensor, its register and its scale"
+            return message("conditions-held.never", found=found, stated=_value(stated, unit))
         u = self._reach(name, time_s) / math.sqrt(3.0)
-        return f"{found}: {last.value:g} {unit} is held, u = {u:.2g} {unit}; check the sensor, or solve with --environment FILE"
+        return message(key, found=found, held=_value(last.value, unit), u=message("with-unit", value=u, unit=unit))
+
+
+def _value(value: float, unit: str) -> Message:
+    return message("value", value=value, unit=unit)
 
 
 def _possible(name: str, value: float) -> bool:

@@ -5,9 +5,11 @@ stands at all is Modbus's word.
 """
 
 import math
+from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
@@ -17,11 +19,12 @@ NOMINAL_QD_MM = 0.6
 1 to 3 mm). It only judges whether the signal is steady; measured is with the head's calibration."""
 LEVER_MM = 100.0
 """At which an angle counts as a movement: it only judges whether the instrument has come to rest."""
-TROUBLES: tuple[tuple[Flag, str, str], ...] = (
-    (Flag.BEAM_LOST, "fourdof-beam-blocked", "no light on a detector"),
-    (Flag.SATURATED, "fourdof-out-of-range", "a detector is at the end of its range"),
-    (Flag.OUT_OF_RANGE, "fourdof-out-of-range", "the spot is off its detector"),
-    (Flag.DEVICE_ERROR, "instrument-reports", "the head reports a fault of its own"),
+Trouble = Literal["fourdof-beam-blocked.in-dwell", "fourdof-out-of-range.detector", "fourdof-out-of-range", "instrument-reports.head"]
+TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
+    (Flag.BEAM_LOST, "fourdof-beam-blocked.in-dwell"),
+    (Flag.SATURATED, "fourdof-out-of-range.detector"),
+    (Flag.OUT_OF_RANGE, "fourdof-out-of-range"),
+    (Flag.DEVICE_ERROR, "instrument-reports.head"),
 )
 
 
@@ -79,12 +82,12 @@ class AngleView(QdView):
         )
 
 
-def troubles(head: StreamBuffer, dwell: Dwell) -> list[tuple[str, str]]:
-    """Return what was wrong with the head's samples in a dwell as (finding code, words)."""
+def troubles(head: StreamBuffer, dwell: Dwell) -> list[Message]:
+    """Return what was wrong with the head's samples in a dwell."""
     flags = head.flags(dwell.from_ns, dwell.to_ns)
     found = []
-    for flag, code, words in TROUBLES:
+    for flag, key in TROUBLES:
         count = int(np.count_nonzero(flags & int(flag)))
         if count:
-            found.append((code, f"{words} in {count} of {len(flags)} samples of the dwell"))
+            found.append(message(key, wrong=count, count=len(flags)))
     return found

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import msgspec
 
 from stepdiag.base.errors import DataError
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.base.messages import message
+from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.records.events import Link
 from stepdiag.daq.timing.stream import Break
@@ -51,6 +52,10 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:
     """Return the capture's start from a log's ``stepdiag.run`` record. Raises DataError where it is missing or damaged."""
     try:
-        return msgspec.json.decode(run["start"], type=CaptureStart)
-    except (KeyError, msgspec.DecodeError, RecursionError) as error:
-        raise DataError(source, expected="a start record in the metadata stepdiag.run", found=str(error)) from error
+        start = msgspec.json.decode(run["start"])
+        for hint in start["hints"].values():
+            if hint.get("turn"):
+                hint["turn"] = from_log(hint["turn"])
+        return msgspec.convert(start, CaptureStart, str_keys=True)
+    except (KeyError, TypeError, AttributeError, msgspec.DecodeError, RecursionError) as error:
+        raise DataError(source, expected=message("start-record"), found=str(error)) from error

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Collection
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.records.events import Link, LinkEvent
 
-LINK_DOWN: dict[Link, str] = {
-    "laser": "the laser's link is down: no stop has a reading until it is back",
-    "head": "the link of the 4-DOF head is down: no stop has a reading until it is back",
+LINK_DOWN: dict[Link, Message] = {
+    "laser": message("samples-missing.laser"),
+    "head": message("samples-missing.head"),
 }
 """What is named once an outage."""
 

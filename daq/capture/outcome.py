@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import Message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 
@@ -12,7 +13,7 @@ class Ended:
     """The pass of this log is over: every stop has gone by, or the program left it."""
 
     kind: Literal["complete", "aborted"]
-    reason: str
+    reason: Message
 
 
 Outcome = CapturedStop | Finding | Ended

@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop, remarks_of
 from stepdiag.daq.capture.place.route import Route, agrees
 from stepdiag.daq.capture.standing.certain_window import MIN_SAMPLES, Taken, take
 from stepdiag.daq.capture.standing.window import find_plateaus, summarise
@@ -48,8 +48,7 @@ def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: Str
         window_to_ns=round(taken.to_ns),
         time_s=round((0.5 * (taken.from_ns + taken.to_ns) + wall_offset_ns) * 1e-9, 6),
         beam=taken.beam if math.isfinite(taken.beam) else None,
-        doubtful=taken.doubtful,
-        doubt_codes=taken.codes,
+        doubts=remarks_of(taken.doubts),
         channels=channels,
         u_channels=u_channels,
         material_temperature_c=signals.material_temperature_c,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.messages import Message, message
+from stepdiag.base.messages import Message, Words, joined, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -28,13 +28,12 @@ increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
 """A difference is said again where it is larger by so much than what was said of the pass before."""
 
-FROM_BEYOND = "the machine came from the other side: it was on its way back, or its backlash is in the reading"
-FROM_WHERE = "nobody saw from which side the machine came back: it may have been on its way back"
-NOT_ALL_MOVED = "the machine had come from the other side, and not every axis has moved since: backlash is in the reading"
-TURNED = (
-    "the machine turned round at the last stop of the pass before and did not go beyond it: what it read there is this stop's reading too; "
-    "go beyond the stop and come back to it to measure the reversal there"
+FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
+    message("other-side"),
+    message("other-side.from-where"),
+    message("other-side.not-all-moved"),
 )
+"""Why a stop may have been come to from the other side."""
 
 
 class StopTaker:
@@ -70,7 +69,7 @@ class StopTaker:
                 self._think_again(walk, reading_mm, outcomes)
             index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
             if walk.apart:
-                self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), ""
+                self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
             self._believed = [*([] if lost else self._believed), (dwell, taken)] if (walk.unsure or walk.nowhere) and taken else []
         else:
             index, odd = walk.locate(dwell.signals)
@@ -102,7 +101,7 @@ class StopTaker:
         if beyond_ns is None and not self._beyond:
             if not watched_closely(self._laser, turn, dwell.from_ns):
                 return index > 0
-            outcomes.append(walk.finding("turned-round", "warning", 0, TURNED))
+            outcomes.append(walk.finding("warning", 0, message("turned-round")))
             return True
         self._looked_until_ns = max(self._looked_until_ns, beyond_ns or turn.window_to_ns)
         return False
@@ -136,55 +135,53 @@ class StopTaker:
             walk.skip(index, dwell.signals.stop_count)
         for number, window in enumerate(taken):
             stop = make_stop(walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns)
-            if words := self._from_beyond(walk, index, dwell, taken[0]):
-                stop = marked(stop, "other-side", words)
+            if doubt := self._from_beyond(walk, index, dwell, taken[0]):
+                stop = marked(stop, doubt)
             self._commit(walk, stop, outcomes, again=number > 0)
 
     def _without_reading(self, walk: Walk, index: int, dwell: Dwell, link: Link, symptom: Message) -> list[Finding]:
         """Return why a stop has no reading: that the link was down, once an outage, else the symptom."""
         if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
-            return [walk.finding(symptom.code, "error", index, symptom)]
-        return [walk.finding("samples-missing", "error", index, LINK_DOWN[link])] if self._outages.news(link) else []
+            return [walk.finding("error", index, symptom)]
+        return [walk.finding("error", index, LINK_DOWN[link])] if self._outages.news(link) else []
 
-    def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
-        """Return why a stop may have been come to in the direction of the other pass; empty where it was not.
+    def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
+        """Return why a stop may have been come to in the direction of the other pass; None where it was not.
 
         Who came so has every axis on that side until it moves.
         """
-        words = self._last_move(walk, index, dwell, taken)
-        if words:
+        side = self._last_move(walk, index, dwell, taken)
+        if side:
             self._other_side = {walk.route.axis_to(stop) for stop in range(1, len(walk.route))}
         elif index < walk.expected:
             self._other_side = set()
         else:
             self._other_side.discard(walk.route.axis_to(index))
-        return words or (NOT_ALL_MOVED if self._other_side else "")
+        return side or (NOT_ALL_MOVED if self._other_side else None)
 
-    def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
-        """Return what is to be said of the last move to a stop; empty where it was that of the pass."""
+    def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
+        """Return what is to be said of the last move to a stop; None where it was that of the pass."""
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
-            return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else ""
-        if not self._both_ways or any(walk.judge(index, taken.window.mean_mm)):
-            return ""
+            return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else None
+        if not self._both_ways or walk.judge(index, taken.window.mean_mm) is not None:
+            return None
         along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
         counted = dwell.signals.stop_count is not None
         if along is None and walk.last is None and index < walk.expected - 1 and not counted:
             return FROM_WHERE
-        return FROM_BEYOND if along is False else ""
+        return FROM_BEYOND if along is False else None
 
     def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
         """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
-        outcomes += [walk.finding(code, "warning", index, words) for code, words in troubles(head, dwell)]
+        outcomes += [walk.finding("warning", index, said) for said in troubles(head, dwell)]
         if taken is None:
-            outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.no-head-sample"))
+            outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.head"))
             walk.skip(index, dwell.signals.stop_count)
             return
         stop = make_head_stop(walk.route, index, dwell.signals, taken, head, self._laser, self._wall_offset_ns)
-        if stop.doubtful:
-            outcomes.append(walk.finding("stop-doubtful", "warning", index, stop.doubtful))
-        outcomes.append(stop)
+        outcomes += [*_doubts(walk, stop), stop]
         walk.advance(stop)
 
     def _recover(self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]) -> None:
@@ -197,44 +194,43 @@ class StopTaker:
         elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
         stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)
         doubt = message("stop-recovered")
-        stop = msgspec.structs.replace(stop, recovered=True, doubtful=str(doubt))
-        outcomes.append(walk.finding("stop-recovered", "warning", index, doubt))
+        stop = marked(msgspec.structs.replace(stop, recovered=True), doubt)
+        outcomes.append(walk.finding("warning", index, doubt))
         self._looked_until_ns = taken.to_ns
         self._commit(walk, stop, outcomes)
 
     def _commit(self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False) -> None:
         """Judge a stop and add it. ``again``: it was measured before the break too, at the same standstill."""
         broken, unwatched = self._breaks_up_to(stop.window_to_ns)
-        stop = marked(stop, "place-unknown", walk.unsure) if walk.unsure else stop
-        code, words = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else ("", "")
+        stop = marked(stop, walk.unsure) if walk.unsure else stop
+        wrong = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
         if again:
             outcomes.append(_joined(walk, stop.stop, broken, unwatched))
         elif broken and walk.started:
-            outcomes.append(walk.finding("beam-lost", "error", stop.stop, message("beam-lost", why=broken)))
-        elif code in BREAKS_COUNT and not broken:
-            broken = words
-            outcomes.append(walk.finding(code, "error", stop.stop, words))
-        elif code:
-            outcomes.append(walk.finding(code, "error", stop.stop, words))
-            stop = msgspec.structs.replace(stop, refused=code)
+            outcomes.append(walk.finding("error", stop.stop, message("beam-lost", why=broken)))
+        elif wrong is not None:
+            outcomes.append(walk.finding("error", stop.stop, wrong))
+            if wrong.code in BREAKS_COUNT and not broken:
+                broken = wrong
+            else:
+                stop = msgspec.structs.replace(stop, refused=wrong.code)
         elif unwatched and walk.started:
-            text = message("laser-unwatched", why=unwatched)
-            outcomes.append(walk.finding("laser-unwatched", "warning", stop.stop, text))
-        if stop.doubtful and not stop.recovered:
+            outcomes.append(walk.finding("warning", stop.stop, message("laser-unwatched", why=unwatched)))
+        if not stop.recovered:
             outcomes += _doubts(walk, stop)
         if "window-step" in stop.doubt_codes:
-            unwatched = unwatched or "the reading is not of one piece"
+            unwatched = unwatched or message("reading-of-pieces")
         stop = msgspec.structs.replace(stop, broken=broken, unwatched=unwatched)
         outcomes.append(stop)
         walk.advance(stop)
 
-    def _breaks_up_to(self, time_ns: int) -> tuple[str, str]:
+    def _breaks_up_to(self, time_ns: int) -> tuple[Words, Words]:
         """Return why the count was lost since the last stop, and why it may have been; empty where it was not."""
         seen = [event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns]
         breaks, self._before = (*self._before, *seen), ()
         self._breaks_seen += len(seen)
         lost, unseen = ([event.reason for event in breaks if event.watched is watched] for watched in (True, False))
-        return "; ".join(lost[-1:]), "; ".join(unseen[-1:])
+        return joined(lost[-1:]), joined(unseen[-1:])
 
     def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
         """Tell whether the laser's count at the beginning of a dwell is still that of the stops before."""
@@ -249,14 +245,13 @@ class StopTaker:
 
 
 def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
-    codes = stop.doubt_codes or ("stop-doubtful",)
-    return [walk.finding(code, "warning", stop.stop, stop.doubtful) for code in codes]
+    return [walk.finding("warning", stop.stop, why, code) for code in stop.doubt_codes if isinstance(why := stop.why(code), Message)]
 
 
-def _joined(walk: Walk, index: int, broken: str, unwatched: str) -> Finding:
+def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
     """Return what is said of a break that costs nothing."""
-    text = f"{broken or unwatched} at this stop; it was measured before and after that, so the pass goes on"
-    return walk.finding("beam-lost" if broken else "laser-unwatched", "info", index, text)
+    said = message("beam-lost.bridged", why=broken) if broken else message("laser-unwatched.bridged", why=unwatched)
+    return walk.finding("info", index, said)
 
 
 def _reading_mm(taken: list[Taken]) -> float | None:
@@ -289,9 +284,10 @@ class PositionCheck:
             return []
         off_mm, axis, here, plan = worst
         self._said_mm[walk.name] = off_mm
-        text = message("position-differs", axis=axis.upper(), found_mm=here, wanted_mm=plan, size_um=(here - plan) * 1e3)
+        off_um = (here - plan) * 1e3
+        said = message("position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um)
         severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
-        return [walk.finding("position-differs", severity, stop, text)]
+        return [walk.finding(severity, stop, said)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:
         spec = self._signals.get(f"{axis}_mm")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings
@@ -37,21 +38,20 @@ def recognise(heard: bytes) -> str:
     return ""
 
 
-def senseless(name: str, heard: bytes, count: int, remark: str) -> str:
-    """Return what is said of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
+def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
+    """Return the message of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
 
     ``heard`` are its first bytes of ``count``, ``remark`` what its decoder said last.
     """
-    found = remark or f"{count} bytes, not one whole reading"
+    found = remark or message("not-one-reading", count=count)
     looks = recognise(heard)
-    text = f"the {name} sends, but nothing it sends makes sense ({found}; it begins with {heard[:QUOTED].hex(' ')})"
-    remedy = f'it looks like format = "{looks}"' if looks else "check its baud rate, format and port in the survey"
-    return f"{text}: {remedy}"
+    remedy = message("looks-like", format=looks) if looks else message("check-line")
+    return message("stream-senseless", stream=name, found=found, bytes=heard[:QUOTED].hex(" "), remedy=remedy)
 
 
-def refused(name: str, remark: str) -> str:
-    """Return what is said of an instrument that answers, and never with a reading that can be used."""
-    return f"the {name} answers, and no reading can be used: {remark or 'it reports an error'}"
+def refused(name: Words, remark: Words) -> Message:
+    """Return the message of an instrument that answers, and never with a reading that can be used."""
+    return message("stream-refused", stream=name, why=remark or message("reports-error"))
 
 
 def _candidates() -> Iterator[tuple[str, Decoder]]:

@@ -6,11 +6,13 @@ Any other exception is a fault of this program and ends the reconnector too, so 
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from typing import Protocol
 
 import structlog
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.daq.records.events import LOST
+from stepdiag.base.messages import Words, message
+from stepdiag.daq.records.events import with_lost
 from stepdiag.daq.records.status import LinkState
 
 FIRST_WAIT_S = 0.05
@@ -20,8 +22,13 @@ LONGEST_WAIT_S = 1.0
 STEADY_AFTER_S = 5.0
 """A session that ends sooner does not make the next wait short again."""
 
-Report = Callable[[LinkState, str], None]
-"""Takes the state of a link and a detail for a person."""
+
+class Report(Protocol):
+    """Takes the state of a link, a detail for a person, and what was lost since that was last reported."""
+
+    def __call__(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None: ...
+
+
 Session = Callable[[Report], Awaitable[None]]
 
 _log = structlog.get_logger(__name__)
@@ -51,44 +58,43 @@ class Reconnector:
             try:
                 await self._session(self._report)
             except DeviceError as error:
-                self._lost(str(error))
+                self._lost(error.message)
             else:
-                self._lost("the session ended")
+                self._lost(message("session-ended"))
             raise_if_cancelled()
             if clock() - began > STEADY_AFTER_S:
                 wait_s = FIRST_WAIT_S
             await asyncio.sleep(wait_s)
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
-    def _report(self, state: LinkState, detail: str) -> None:
-        """Say a change of state, and a loss of bytes beside it: what was lost never stands for what the link has become."""
-        lost = LOST in detail
+    def _report(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
+        """Report a change of state, and a loss of bytes beside it: what was lost never stands for what the link has become."""
         if state == self.state and not lost:
             return
         if state != self.state:
-            self._change(state, detail)
+            self._change(state, with_lost(detail, lost))
         if lost:
-            _log.warning("link-lost-bytes", link=self._name, detail=detail)
-        self._on_state(state, detail)
+            _log.warning("link-lost-bytes", link=self._name, detail=str(with_lost(detail, lost)))
+        self._on_state(state, detail, lost)
 
-    def _change(self, state: LinkState, detail: str) -> None:
+    def _change(self, state: LinkState, detail: Words) -> None:
         self.state = state
         if state == "connected":
             self._warned = False
-            _log.info("link-connected", link=self._name, detail=detail)
+            _log.info("link-connected", link=self._name, detail=str(detail))
         else:
             self._complain(f"link-{state}", detail)
 
-    def _lost(self, detail: str) -> None:
+    def _lost(self, detail: Words) -> None:
         if self.state == "lost":
             self._complain("link-lost", detail)
         self._report("lost", detail)
 
-    def _complain(self, event: str, detail: str) -> None:
+    def _complain(self, event: str, detail: Words) -> None:
         """Warn once; the same trouble again is for debugging."""
         say = _log.debug if self._warned else _log.warning
         self._warned = True
-        say(event, link=self._name, detail=detail)
+        say(event, link=self._name, detail=str(detail))
 
 
 def raise_if_cancelled() -> None:

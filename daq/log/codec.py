@@ -16,6 +16,7 @@ from typing import cast
 
 import msgspec
 
+from stepdiag.base.messages import Words, kept, of_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, is_table
 from stepdiag.daq.records.status import LinkState
@@ -68,12 +69,15 @@ class _LinkChange(_Message):
     state: int
     state_text: str
     detail: str
+    message: str = ""
+    """Detail and losses as JSON, where they are messages; a log of before has the text alone."""
 
 
 class _Lost(_Message):
     events: int
     bytes: int
     reason: str
+    message: str = ""
 
 
 _encode = msgspec.json.Encoder().encode
@@ -157,11 +161,24 @@ def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
             return _encode_chunks(clock, batch)
         case ModbusBlock():
             return _encode_blocks(clock, batch, first)
-        case LinkEvent(time_ns, _, state, detail):
-            changed = _LinkChange(clock.stamp(time_ns), str(time_ns), batch[0][0], LINK_STATES.index(state), state, detail)
-            return _encode(changed)
+        case LinkEvent(time_ns, _, state):
+            number, words = LINK_STATES.index(state), message_of_link(first)
+            return _encode(_LinkChange(clock.stamp(time_ns), str(time_ns), batch[0][0], number, state, str(first.words), words))
         case Loss(time_ns, events, count, reason):
-            return _encode(_Lost(clock.stamp(time_ns), str(time_ns), batch[0][0], events, count, reason))
+            return _encode(_Lost(clock.stamp(time_ns), str(time_ns), batch[0][0], events, count, str(reason), kept(reason)))
+
+
+def message_of_link(event: LinkEvent) -> str:
+    """Return detail and losses of a link as JSON; empty where it has neither."""
+    return msgspec.json.encode((event.detail, event.lost)).decode() if event.detail or event.lost else ""
+
+
+def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
+    """Return the detail and the losses of a link. A log of before has both in one text: what was lost stands at its end."""
+    if change.message:
+        return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
+    detail, found, lost = change.detail.partition("bytes lost: ")
+    return detail.removesuffix("; "), tuple(lost.split("; ")) if found else ()
 
 
 def joins(last: Event, event: Event) -> bool:
@@ -214,11 +231,11 @@ def decode(topic: str, data: bytes) -> list[Run]:
         change = _decode_link(data)
         state = cast("LinkState", LINK_STATES[LINK_STATES.index(change.state_text)])
         _require_clock(int(change.t_mono_ns), ())
-        return [(change.order, [LinkEvent(int(change.t_mono_ns), _LINKS[topic], state, change.detail)])]
+        return [(change.order, [LinkEvent(int(change.t_mono_ns), _LINKS[topic], state, *_of_link(change))])]
     if topic == LOSS_TOPIC:
         lost = _decode_loss(data)
         _require_clock(int(lost.t_mono_ns), ())
-        return [(lost.order, [Loss(int(lost.t_mono_ns), lost.events, lost.bytes, lost.reason)])]
+        return [(lost.order, [Loss(int(lost.t_mono_ns), lost.events, lost.bytes, of_log(lost.reason, lost.message))])]
     return []
 
 

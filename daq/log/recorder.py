@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.base.messages import message
 from stepdiag.daq.log.codec import size_of, time_of, whole_us
 from stepdiag.daq.log.disk_sync import DiskSync
 from stepdiag.daq.log.part_file import PartFile
@@ -174,7 +175,7 @@ class Recorder:
 
     def _loss(self, time_ns: int) -> Loss:
         events = self._lost_events - self._loss_told
-        loss = Loss(time_ns, events, self._lost_bytes, self._reason or "the disk is slower than the data")
+        loss = Loss(time_ns, events, self._lost_bytes, self._reason or message("disk-slower"))
         self._loss_told, self._lost_bytes = self._lost_events, 0
         return loss
 

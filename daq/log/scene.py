@@ -33,7 +33,7 @@ def scene_note(volume: Volume, route_mm: Sequence[Point], stops: Sequence[Captur
         {
             "pose": {**_NOWHERE, "position": _metres(stop.position_mm)},
             "size": {"x": size, "y": size, "z": size},
-            "color": RED if stop.doubtful or stop.refused or stop.broken else GREEN,
+            "color": RED if stop.doubts or stop.refused or stop.broken else GREEN,
         }
         for stop in stops[-MOST_DRAWN:]
     ]

@@ -61,19 +61,19 @@ _STAMP = {"time": TIME, "t_mono_ns": TEXT}
 _ORDER = {"order": INTEGER, "skip": INTEGERS, "run": INTEGERS}
 _BYTES = {**_STAMP, **_ORDER, "after_us": INTEGERS, "data": TEXTS}
 _BLOCKS = {**_STAMP, **_ORDER, "recv_us": INTEGERS, "answer_us": INTEGERS, "ranges": TEXT, "data": TEXTS}
-_LINK = {**_STAMP, "order": INTEGER, "state": INTEGER, "state_text": TEXT, "detail": TEXT}
-_LOSS = {**_STAMP, "order": INTEGER, "events": INTEGER, "bytes": INTEGER, "reason": TEXT}
+_LINK = {**_STAMP, "order": INTEGER, "state": INTEGER, "state_text": TEXT, "detail": TEXT, "message": TEXT}
+_LOSS = {**_STAMP, "order": INTEGER, "events": INTEGER, "bytes": INTEGER, "reason": TEXT, "message": TEXT}
 _STOP = {
     "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
     "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
     "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
     "nominal_mm": NUMBER, "deviation_um": NUMBER,
-    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "held": TEXTS, "refused": TEXT,
-    "recovered": FLAG, "turned": FLAG, "channels": NUMBERS, "u_channels": NUMBERS,
+    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "messages": TEXT, "held": TEXTS,
+    "refused": TEXT, "recovered": FLAG, "turned": FLAG, "channels": NUMBERS, "u_channels": NUMBERS,
     "material_temperature_c": NUMBER, "air_temperature_c": NUMBER, "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
 }  # fmt: skip
 _SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
-_PLACE = {"setup": TEXT, "pass": INTEGER, "stop": INTEGER, "size_um": NUMBER}
+_PLACE = {"setup": TEXT, "pass": INTEGER, "way": TEXT, "stop": INTEGER, "last": INTEGER, "size_um": NUMBER}
 _FINDING = {**dict.fromkeys(("severity_text", "code", "key", "action", "arguments", "text"), TEXT), **_PLACE}
 _POINT: Schema = {"type": "object", "properties": dict.fromkeys("xyz", NUMBER)}
 _COLOR: Schema = {"type": "object", "properties": dict.fromkeys("rgba", NUMBER)}
@@ -138,6 +138,8 @@ DECODED_CHANNELS: dict[Stream, Channel] = {
     for stream, topic in DECODED_TOPICS.items()
 }  # fmt: skip
 
+MESSAGES = ("broken", "unwatched", "doubts")
+"""What a stop's note holds as JSON in a text, as viewers want plain types; beside it stand the English words."""
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 """Levels of foxglove.Log."""
 
@@ -159,6 +161,10 @@ def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: 
     where the count does not reach back.
     """
     fields = msgspec.structs.asdict(stop)
+    messages = {name: value for name in MESSAGES if (value := fields.pop(name))}
+    fields |= {name: str(messages.get(name, "")) for name in ("broken", "unwatched")}
+    fields |= {"doubtful": str(stop.why()), "doubt_codes": stop.doubt_codes}
+    fields["messages"] = msgspec.json.encode(messages).decode() if messages else ""
     if travel_mm is not None and deviation_um is not None:
         fields |= {"nominal_mm": round(travel_mm - deviation_um * 1e-3, 6), "deviation_um": deviation_um}
     for end in ("from", "to"):
@@ -177,7 +183,9 @@ def finding_note(time_ns: int, finding: Finding) -> Note:
     fields = finding.as_json()
     if "arguments" in fields:
         fields["arguments"] = json.dumps(fields["arguments"], ensure_ascii=False)
-    return Note(FINDING_TOPIC, time_ns, {**fields, **severity})
+    place = {"way": finding.way or None, "last": finding.last}
+    known = {name: value for name, value in place.items() if value is not None}
+    return Note(FINDING_TOPIC, time_ns, {**fields, **known, **severity})
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:

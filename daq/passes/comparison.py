@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in
@@ -135,18 +136,9 @@ def _size_um(each: _Readings, along_outward_um: float) -> float:
 
 
 def _doubt(each: Pass, step: Step, other: Pass | None) -> Doubt:
-    seen = f"against {other.name}, pass {other.number}" if other is not None else "unlike the other steps of its axis"
-    place = f"{each.name}, stop {step.stop} of {len(each.route) - 1}"
-    others = f"the other steps scatter by {step.noise_um:.1f} um"
+    seen = message("unlike-its-axis") if other is None else message("against-pass", run=other.run, number=other.number)
+    others = message("others-scatter", noise_um=step.noise_um)
     if step.instead is not None:
-        others = f"or of {-step.size_um:+.1f} um on the way to stop {step.instead}: there are only these two"
-    text = f"{place}: count slip of {step.size_um:+.1f} um on the way to this stop ({seen}; {others})"
-    return Doubt(
-        setup=each.route.setup,
-        pass_number=each.number,
-        stop=step.stop,
-        code="count-slip",
-        text=text,
-        taken_ns=each.chosen()[step.stop].window_from_ns,
-        size_um=round(step.size_um, 3),
-    )
+        others = message("or-instead", size_um=-step.size_um, stop=step.instead)
+    slip = message("count-slip", size_um=step.size_um, seen=seen, others=others)
+    return each.doubted(each.chosen()[step.stop], slip.code, slip, round(step.size_um, 3))

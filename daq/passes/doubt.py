@@ -4,6 +4,26 @@ from collections.abc import Iterable
 
 import msgspec
 
+from stepdiag.base.messages import Message, Place, Way, Words, at
+
+DRIVEN_AGAIN = frozenset(
+    {
+        "angles-far",
+        "contradiction-ambiguous",
+        "increments-coarse",
+        "increments-coarse.hidden",
+        "noise-high.machine",
+        "noise-high.reading",
+        "noise-high.stop",
+        "pass-wanders",
+        "pass-wanders.which",
+        "scale-misclosure",
+        "scale-misclosure.far",
+        "too-many-outliers",
+    }
+)
+"""Messages that name what is to be driven again."""
+
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     """A reading that may be off. It keeps its pass open until its stop is measured again or a person accepts it.
@@ -16,24 +36,36 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     pass_number: int
     stop: int | None
     code: str
-    text: str
+    why: Words = msgspec.field(name="text")
     taken_ns: int
     size_um: float | None = None
+    way: Way = ""
+    last: int | None = None
 
     @property
     def place(self) -> str:
         """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass as a whole."""
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
 
+    @property
+    def at(self) -> Place:
+        """Return where it is; of a doubt of an old file the direction is not known, and its words name it."""
+        return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
+
+    @property
+    def names_the_cure(self) -> bool:
+        """Tell whether its message names what is to be driven again."""
+        return isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
+
+    @property
+    def words(self) -> Words:
+        """Return the doubt with its place before it."""
+        return at(self.at, self.why)
+
 
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
     """Return the places of doubts, each once, in order: two findings at one stop are one place to look at."""
     return list(dict.fromkeys(doubt.place for doubt in doubts))
-
-
-def says_what_to_do(text: str) -> bool:
-    """Tell whether words end with what is to be driven again: nobody needs to be told twice."""
-    return "again" in text.rpartition(": ")[2].replace(",", " ").split()
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):

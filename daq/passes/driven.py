@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 
+from stepdiag.base.messages import Message, Way, Words, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
-from stepdiag.daq.passes.doubt import Acceptance, Doubt, says_what_to_do
+from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.stretches import SAME_UM, Measured, OnZero, Slip, Stretches, Zero, Zeros, on_zero
 
 Chosen = dict[int, OnZero]
@@ -45,9 +46,14 @@ class Pass:
         return self._stretches.measured
 
     @property
-    def name(self) -> str:
+    def way(self) -> Way:
+        """Return the direction of the pass."""
+        return "out" if self.route.outward else "back"
+
+    @property
+    def run(self) -> Message:
         """Return the pass in words."""
-        return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
+        return run(self.route.setup, self.way)
 
     @property
     def place(self) -> str:
@@ -63,7 +69,7 @@ class Pass:
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
             code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
-            self._stretches.unwatched[stretch] = self._stretch, f"{stop.unwatched} before stop {stop.stop}", code
+            self._stretches.unwatched[stretch] = self._stretch, message("before-stop", why=stop.unwatched, stop=stop.stop), code
         if slip_um is not None:
             self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
         self._stretch = stretch
@@ -98,7 +104,7 @@ class Pass:
     def _best(self, entries: list[Measured]) -> Measured | None:
         usable = [entry for entry in entries if entry.stretch in self.zeros()]
         visit = [entry for entry in usable if entry.visit == usable[-1].visit]
-        ranked = [(not entry.stop.doubtful, entry.stop.samples, order) for order, entry in enumerate(visit)]
+        ranked = [(not entry.stop.doubts, entry.stop.samples, order) for order, entry in enumerate(visit)]
         return visit[max(ranked)[2]] if visit else None
 
     @property
@@ -124,14 +130,12 @@ class Pass:
 
     def doubts(self) -> tuple[Doubt, ...]:
         """Return whatever may be off in the readings in use, accepted or not, in the order of the stops."""
-        of_stops = [self._doubt(stop, code, stop.doubtful) for stop in self.chosen().values() if stop.doubtful for code in _codes(stop)]
-        of_zeros: dict[str, Doubt] = {}
+        of_stops = [self.doubted(stop, code, stop.why(code)) for stop in self.chosen().values() for code in stop.doubt_codes]
+        of_zeros: dict[Words, Doubt] = {}
         for stop in self.chosen().values():
             zero = self._zero_at(stop.stop)
             if zero is not None and zero.doubt and zero.doubt not in of_zeros:
-                of_zeros[zero.doubt] = self._doubt(
-                    stop, zero.code, f"from this stop on the readings may be off: {zero.doubt}", zero.size_um
-                )
+                of_zeros[zero.doubt] = self.doubted(stop, zero.code, message("from-this-stop", why=zero.doubt), zero.size_um)
         said = {(each.stop, each.code) for each in of_stops}
         of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in said]
         taken_ns = {index: stop.window_from_ns for index, stop in self.chosen().items()}
@@ -143,61 +147,61 @@ class Pass:
         """Return the doubts that nobody has accepted."""
         return tuple(each for each in self.doubts() if not any(word.covers(each) for word in self.acceptances))
 
-    def _doubt(self, stop: CapturedStop, code: str, why: str, size_um: float | None = None) -> Doubt:
-        text = f"{self.name}, stop {stop.stop} of {len(self.route) - 1}: {why}"
+    def doubted(self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None) -> Doubt:
+        """Return a doubt of a stop of this pass."""
         return Doubt(
             setup=self.route.setup,
             pass_number=self.number,
             stop=stop.stop,
             code=code,
-            text=text,
+            why=why,
             taken_ns=stop.window_from_ns,
             size_um=size_um,
+            way=self.way,
+            last=len(self.route) - 1,
         )
 
     def _zero_at(self, index: int) -> Zero | None:
         return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
 
-    def doubt(self, index: int) -> str:
+    def doubt(self, index: int) -> Words:
         """Return why the reading in use at a stop may be off; empty where it is not doubted."""
         if index not in self.chosen():
             return ""
         stop = self.chosen()[index]
         zero = self._zero_at(index)
-        against = next((each.text for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
-        return stop.doubtful or (zero.doubt if zero is not None else "") or against
+        against = next((each.words for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
+        return stop.why() or (zero.doubt if zero is not None else "") or against
 
-    def why_doubtful(self) -> str:
-        """Return in words which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
+    def why_doubtful(self) -> Words:
+        """Return which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
         still = self.open_doubts()
         if not still:
             return ""
         if still[0] in (*self.against, *self.suspected):
-            remedy = "" if says_what_to_do(still[0].text) else ": drive the pass again"
-            return f"{still[0].text}{remedy}, or accept it"
+            words = still[0].words
+            return message("or-accept", why=words) if still[0].names_the_cure else message("again-or-accept", why=words)
         doubted = self._doubted(still)
-        from_there = f"drive again from stop {self.again_from()} on" if self._may_go_on() else "drive the whole pass again"
-        return f"stops {_listed(doubted)} may be off ({self.doubt(doubted[0])}): to make sure, {from_there}, or accept it"
+        stops, why = _listed(doubted), self.doubt(doubted[0])
+        if not self._may_go_on():
+            return message("stops-off-whole", stops=stops, why=why)
+        return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
-    def why_incomplete(self) -> str:
-        """Return in words what is missing, or doubted, and what to do about it; empty for a complete pass."""
+    def why_incomplete(self) -> Words:
+        """Return what is missing, or doubted, and what to do about it; empty for a complete pass."""
         missing = self.missing
         if not missing:
             return self.why_doubtful()
         listed = _listed(missing)
-        from_there = f"drive again from stop {self.again_from()} on, or the whole pass"
-        again = from_there if self._may_go_on() else "drive the whole pass again"
+        again = message("again-from-or-whole", stop=self.again_from()) if self._may_go_on() else message("whole-pass-again")
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
-            return (
-                f"stops {listed} do not go with the others: the stops measured twice disagree by {misfit_um:.1f} um, the mirror was moved: "
-                "drive the whole pass again"
-            )
+            return message("stops-misfit", stops=listed, misfit_um=misfit_um)
         lost = [index for index in missing if index in self.measured]
         if lost:
             reasons = [entry.stop.broken for index in lost for entry in self.measured[index] if entry.stop.broken]
-            why = reasons[0] if reasons else "the count was lost"
-            return f"stops {listed} do not reach back to the start ({why}): {again}"
-        return f"stops {listed} are missing: {again}"
+            why = reasons[0] if reasons else message("count-was-lost")
+            return message("stops-without-start", stops=listed, why=why, again=again)
+        return message("stops-missing", stops=listed, again=again)
 
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
@@ -211,15 +215,11 @@ class Pass:
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
         """Return the stops that are in use and may be off by some doubts."""
         named = {each.stop for each in still}
-        return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubtful)]
+        return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubts)]
 
     def _may_go_on(self) -> bool:
         """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""
         return self.placed or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
-
-
-def _codes(stop: CapturedStop) -> tuple[str, ...]:
-    return stop.doubt_codes or ("stop-recovered" if stop.recovered else "stop-doubtful",)
 
 
 def _listed(stops: Sequence[int]) -> str:

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
@@ -242,28 +243,10 @@ def _believed_only(stop: CapturedStop) -> bool:
 
 
 def _slipped(each: Pass, stop: CapturedStop, slip_um: float) -> Finding:
-    text = (
-        f"{each.name}, stop {stop.stop} of {len(each.route) - 1}: measured again it reads {slip_um:+.1f} um otherwise: "
-        "laser or mirror was touched; the stops measured on both sides join the count"
-    )
-    return Finding(
-        code="reading-differs",
-        severity="warning",
-        text=text,
-        setup=stop.setup,
-        pass_number=each.number,
-        stop=stop.stop,
-        size_um=round(slip_um, 3),
-    )
+    why = message("reading-differs", size_um=slip_um)
+    return _as_finding(each.doubted(stop, why.code, why, round(slip_um, 3)))
 
 
 def _as_finding(doubt: Doubt) -> Finding:
-    return Finding(
-        code=doubt.code,
-        severity="warning",
-        text=doubt.text,
-        setup=doubt.setup,
-        pass_number=doubt.pass_number,
-        stop=doubt.stop,
-        size_um=doubt.size_um,
-    )
+    why = doubt.why if isinstance(doubt.why, Message) else message("as-it-stands", text=doubt.why)
+    return finding("warning", why, doubt.at, code=doubt.code, size_um=doubt.size_um)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
@@ -63,7 +64,7 @@ class Zero:
     """
 
     offset_mm: float
-    doubt: str = ""
+    doubt: Words = ""
     code: str = ""
     size_um: float | None = None
 
@@ -86,7 +87,7 @@ class Stretches:
     same_um: float = SAME_UM
     """How far one stop measured twice may differ."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
-    unwatched: dict[int, tuple[int, str, str]] = field(default_factory=dict)
+    unwatched: dict[int, tuple[int, Words, str]] = field(default_factory=dict)
     """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""
@@ -154,7 +155,7 @@ class Stretches:
         offset_mm, known = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1]
         slip = self._slip_between(stretch, known)
         if slip is not None and len(shifts) == 1 and not known.doubt:
-            why = f"stop {slip.stop} read {slip.size_um:+.1f} um otherwise when it was measured again, and no other stop confirms it"
+            why = message("read-otherwise", stop=slip.stop, size_um=slip.size_um)
             return Zero(offset_mm, why, "reading-differs", slip.size_um)
         return Zero(offset_mm, known.doubt, known.code, known.size_um)
 
@@ -185,10 +186,10 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
     A stop measured again by itself takes over whatever its reading before was off by.
     """
-    doubtful = next((each for each in readings if each.doubtful), None)
+    doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:
         return known
-    return Zero(known.offset_mm, doubtful.doubtful, next(iter(doubtful.doubt_codes), "stop-doubtful"))
+    return Zero(known.offset_mm, doubtful.why(), doubtful.doubts[0].code)
 
 
 def _of_one_count(stop: CapturedStop) -> bool:

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
@@ -28,9 +29,7 @@ def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Findi
     stated = book.time_stated
     day = datetime.fromtimestamp(min(times), UTC).date()
     if stated is None:
-        text = f"the clock of the computer was never set: the survey is dated {day}; state the time of its first stop"
-        yield Finding(code=CODE, severity="warning", text=text)
+        yield finding("warning", message("clock-unset", day=str(day)))
         return
     moment = datetime.fromtimestamp(stated.begun_s, UTC).isoformat(timespec="minutes")
-    text = f"the clock of the computer was never set ({day}): the first stop is of {moment}, stated by {stated.name}: {stated.reason}"
-    yield Finding(code=CODE, severity="info", text=text)
+    yield finding("info", message("clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason))

@@ -4,11 +4,11 @@ A finding belongs to the stop it was made at and leaves with it: what was cured 
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from datetime import UTC, datetime
 
-from stepdiag.base.findings import Finding
-from stepdiag.daq.capture.conditions import COURSES
+from stepdiag.base.findings import Finding, Severity, finding
+from stepdiag.base.messages import Message, Place, message
+from stepdiag.daq.capture.conditions import CONDITIONS, COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.held import Held, held_conditions
@@ -45,7 +45,9 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
         pass_number=each.number,
         stop=found.stop,
         code=found.code,
-        text=found.text,
+        why=found.message or found.words,
+        way=found.way,
+        last=found.last,
         taken_ns=max(taken_ns.values()) if found.stop is None else taken_ns[found.stop],
         size_um=found.size_um,
     )
@@ -65,39 +67,44 @@ def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mappi
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
     """Tell whether a doubt is of conditions, and all that it is about were stated."""
-    meant = {name for name in COURSES if f"{name} reads" in doubt.text or f"{name} is not told" in doubt.text}
+    named = set(_arguments(doubt.why))
+    meant = {name for name, condition in CONDITIONS.items() if condition in named}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)
 
 
+def _arguments(why: object) -> Iterator[object]:
+    """Yield all arguments of a message and of those within it."""
+    for part in why.arguments.values() if isinstance(why, Message) else why if isinstance(why, tuple) else ():
+        yield part
+        yield from _arguments(part)
+
+
 def _as_finding(doubt: Doubt) -> Finding:
-    text = f"{doubt.place}: {doubt.text}"
-    place = {"setup": doubt.setup, "pass_number": doubt.pass_number, "stop": doubt.stop, "size_um": doubt.size_um}
-    return Finding(code=doubt.code, severity="error", text=text, **place)  # type: ignore[arg-type]
+    return _finding("error", doubt, message("doubted-at", place=doubt.place, what=doubt.words))
 
 
 def _accepted(doubt: Doubt, word: Acceptance) -> Finding:
-    found = _as_finding(doubt)
     moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
-    return replace(found, severity="warning", text=f"{found.text}; accepted by {word.name} at {moment}: {word.reason}")
+    what = message("doubted-at", place=doubt.place, what=doubt.words)
+    return _finding("warning", doubt, message("doubt-accepted", what=what, name=word.name, time=moment, reason=word.reason))
+
+
+def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
+    place = Place(setup=doubt.setup, pass_number=doubt.pass_number, stop=doubt.stop)
+    return finding(severity, what, place, code=doubt.code, size_um=doubt.size_um)
 
 
 def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
     """Yield which conditions are not those of a sensor, at how many stops, and how sure is what counts in their place."""
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
-        text = (
-            f"{held.name}: at {held.stops} of {stops} stops the sensor is not believed, its last credible value or the survey file's is, "
-            f"u = {held.u:.2g} {COURSES[held.name].unit}: it is in the uncertainty"
-        )
-        yield Finding(code="conditions-held", severity="warning", text=text)
+        u = message("with-unit", value=held.u, unit=COURSES[held.name].unit)
+        yield finding("warning", message("conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u))
 
 
 def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iterator[Finding]:
     """Yield which conditions of the air nobody told, at how many of the ``stops``, what counts in their place and how sure that is."""
     for one in unsaid:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
-        text = (
-            f"{one.name}: at {one.stops} of {stops} stops nobody told it, {value:g} {unit} of [environment] is assumed, "
-            f'u = {one.u:.2g} {unit}: it is in the uncertainty; set it and source = "fixed" there, or solve with --environment FILE'
-        )
-        yield Finding(code="air-unknown", severity="warning", text=text)
+        stated, u = message("value", value=value, unit=unit), message("with-unit", value=one.u, unit=unit)
+        yield finding("warning", message("air-unknown.result", name=CONDITIONS[one.name], stops=one.stops, count=stops, stated=stated, u=u))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
@@ -29,8 +29,8 @@ class Handshake:
         self._since_ns = 0
         self._told_times = 0
         self._worked = False
-        self._refused = ""
-        self.alarm = ""
+        self._refused: Words = ""
+        self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
         """Take a stop; one that was recovered afterwards has been left long ago."""
@@ -38,7 +38,7 @@ class Handshake:
             self._told, self._told_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
-    def written(self, refused: str) -> Finding | None:
+    def written(self, refused: Words) -> Finding | None:
         """Hear whether the machine took what was written, and why it did not; return what is to be said of that, once."""
         before, self._refused = self._refused, refused
         if not refused or before:
@@ -46,7 +46,7 @@ class Handshake:
         text = message("handshake-waits.refused", why=refused)
         return finding("error", text)
 
-    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], str]) -> Finding | None:
+    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]) -> Finding | None:
         """Look at a poll; tell again what the machine has not heard, and return what is to be said of one that waits in vain."""
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
@@ -58,8 +58,8 @@ class Handshake:
             self._tell_again(count, now_ns)
         if self.alarm or not self._in_vain(count, now_ns):
             return None
-        self.alarm = self._in_words(count, now_ns, waits_for())
-        return Finding(code="handshake-waits", severity="error", text=self.alarm)
+        self.alarm = waits = self._in_words(count, now_ns, waits_for())
+        return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
         """Tell a machine that still stands there: its PLC may have started again, or the last daemon died before it told."""
@@ -74,16 +74,13 @@ class Handshake:
             return bool(self._refused) or (not self._worked and self._told_times >= MOST_TIMES)
         return now_ns - self._since_ns > self._patience_ns
 
-    def _in_words(self, count: int, now_ns: int, waits_for: str) -> str:
-        told = "nothing" if self._told is None else str(self._told)
-        text = (
-            f"the machine has waited for {(now_ns - self._since_ns) * 1e-9:.0f} s at stop_count {count} and {told} is written as captured"
-        )
+    def _in_words(self, count: int, now_ns: int, waits_for: Words) -> Message:
+        waited_s, written = (now_ns - self._since_ns) * 1e-9, message("nothing") if self._told is None else str(self._told)
         if self._refused:
-            return f"{text}: it does not take it ({self._refused})"
+            return message("handshake-waits.not-taken", waited_s=waited_s, count=count, written=written, why=self._refused)
         if count == self._told:
-            return f"{text}: the program waits for another register, or does not look at it; check plc.handshake.address"
-        return f"{text}: this stop is not captured ({waits_for}); abort the program, or mend what the findings name"
+            return message("handshake-waits.elsewhere", waited_s=waited_s, count=count, written=written)
+        return message("handshake-waits", waited_s=waited_s, count=count, written=written, why=waits_for)
 
 
 def _waits(signals: Signals) -> bool:

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Words
+from stepdiag.daq.capture.remarks.stream_findings import STREAMS
 from stepdiag.daq.formats.recognise import KEPT, refused, senseless
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.formats import decoders
@@ -30,7 +32,7 @@ class _Ear:
     heard: bytes = b""
     count: int = 0
     samples: int = 0
-    remarks: dict[str, str] = field(default_factory=dict)
+    remarks: dict[str, Words] = field(default_factory=dict)
     spent_ns: int = 0
     last_ns: int = 0
     understood: bool = False
@@ -66,7 +68,7 @@ class _Ear:
 
     def _decode(self, data: bytes, arrival_ns: int) -> None:
         batch = self.decoder.feed(data, arrival_ns)
-        self.remarks.update({notice.code: notice.text for notice in batch.notices})
+        self.remarks.update({notice.code: notice.why for notice in batch.notices})
         self.samples += len(batch)
         self.understood |= bool(np.any(batch.flags & int(Flag.DEVICE_ERROR) == 0))
 
@@ -100,6 +102,6 @@ def _ears(survey: Survey) -> dict[Stream, _Ear]:
 
 def _unusable(stream: Stream, ear: _Ear) -> Finding:
     if ear.samples and "garbage" not in ear.remarks:
-        return Finding(code="instrument-reports", severity="warning", text=refused(stream, ear.remarks.get("device", "")))
+        return finding("warning", refused(STREAMS[stream], ear.remarks.get("device", "")), code="instrument-reports")
     remark = ear.remarks.get("garbage") or ear.remarks.get("device") or ""
-    return Finding(code="bytes-garbled", severity="warning", text=senseless(stream, ear.heard, ear.count, remark))
+    return finding("warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code="bytes-garbled")

@@ -20,9 +20,9 @@ from mcap.records import Channel, Message
 
 from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Way, message, message_of
 from stepdiag.base.names import SETUP_NUMBERS
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader
@@ -193,20 +193,28 @@ class _FindingNote(msgspec.Struct):
     pass_number: int | None = msgspec.field(name="pass", default=None)
     stop: int | None = None
     size_um: float | None = None
+    key: str = ""
+    arguments: str = ""
+    way: Way = ""
+    last: int | None = None
 
 
 def _finding_of(note: bytes, log: Path) -> Finding:
     try:
         found = msgspec.json.decode(note, type=_FindingNote)
+        arguments = msgspec.json.decode(found.arguments or "null")  # a log of before has the text alone
     except DAMAGE as error:
         raise DataError(str(log), expected=message("findings-noted"), found=f"{error!r}") from error
     return Finding(
         code=found.code,
         severity=found.severity_text,
         text=found.text,
+        message=message_of({"key": found.key or found.code, "arguments": arguments}),
         setup=found.setup,
         pass_number=found.pass_number,
         stop=found.stop,
+        way=found.way,
+        last=found.last,
         size_um=found.size_um,
     )
 
@@ -220,7 +228,7 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
             fields.pop(name, None)
         for name in ("stop_count", "reading_mm", "beam"):
             fields.setdefault(name, None)
-        stop = msgspec.convert(fields, CapturedStop)
+        stop = from_log(fields | msgspec.json.decode(fields.pop("messages", "") or "{}"))
         _require_possible(stop)
         return stop
     except (*DAMAGE, KeyError) as error:

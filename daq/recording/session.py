@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.capture import Capture
@@ -47,7 +47,7 @@ IDLE_CLOSE_NS = 5_000_000_000
 """A log without a single stop is closed when the program has been gone this long."""
 
 
-INTERRUPTED = Break(0, "the recording was interrupted", watched=False)
+INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
 """What a session that goes on with a pass of an earlier daemon knows of the time between."""
 
 
@@ -205,23 +205,23 @@ class Session:
         self._before, self._before_bytes = deque(), 0  # what stood and moved before is none of this setup
         self._begin_log(at_ns)
 
-    def _why_not(self, setup: str) -> str:
+    def _why_not(self, setup: str) -> Words:
         """Return why a setup cannot be begun; empty where it can."""
         planned = self.survey.plan.all_setups
         if not self.survey.plc.silent:
-            return 'a machine that says itself what it drives (plc.transport is not "none")'
+            return message("found-says-itself")
         if self.recording:
-            return f"{self._begun}, which is being recorded: abort it first"
+            return message("found-being-recorded", name=self._begun)
         if setup not in planned:
-            return f"a setup that is not planned ({', '.join(planned)})"
-        return "" if self.book.open_passes(setup) else "a setup whose passes are all in"
+            return message("found-not-planned", names=planned)
+        return "" if self.book.open_passes(setup) else message("found-all-in")
 
     def zero(self) -> None:
         """Show the reading from here on relative to the present one; what is recorded stays as the laser says it."""
         last = self.laser_samples()
         self.shown_zero_mm = 0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
 
-    def close(self, reason: str) -> None:
+    def close(self, reason: Message) -> None:
         """End the open log, if any, in good order: the daemon stops, or a person aborts the setup."""
         if self.capture is not None:
             for outcome in self.capture.finish():
@@ -243,10 +243,10 @@ class Session:
         """Take a finding that is not of the recording itself; it stands in the open log too, if any."""
         self._heed(finding)
 
-    def remark(self, text: str) -> None:
+    def remark(self, what: Message) -> None:
         """Leave a line for a person in the open log, if any."""
         if self.capture is not None:
-            self._sink.note(log_note(now_ns(), "warning", text, "daemon"))
+            self._sink.note(log_note(now_ns(), "warning", str(what), "daemon"))
 
     def found(self, finding: Finding) -> None:
         """Keep what somebody else has seen, beside what the capture sees."""
@@ -363,7 +363,7 @@ class Session:
             self._end_log(status, capture.ended.reason)
             self._go_on(time_of(event), whole=status == "complete")
         elif self._forgotten(capture, event):
-            self._end_log("aborted", "the program ended without a stop")
+            self._end_log("aborted", message("ended-without-stop"))
 
     def _go_on(self, now_ns: int, *, whole: bool) -> None:
         """Begin the next pass of the setup that a person has begun: the program drives them one after the other."""
@@ -384,9 +384,9 @@ class Session:
         self._left_ns = self._left_ns or time_of(event)
         return time_of(event) - self._left_ns > IDLE_CLOSE_NS
 
-    def _end_log(self, status: ExitStatus, reason: str) -> None:
+    def _end_log(self, status: ExitStatus, reason: Message) -> None:
         self._samples = self.samples
-        self._sink.end(status, reason)
+        self._sink.end(status, str(reason))
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self._beyond = self.capture.went_beyond() if self.capture is not None else False
         self.capture = None

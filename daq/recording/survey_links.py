@@ -8,6 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator
 
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.signals import plan_reads
 from stepdiag.daq.links.controls.lsv2 import Lsv2Settings
 from stepdiag.daq.links.controls.machine import MachineSettings
@@ -43,12 +44,12 @@ class SurveyLinks:
     ``on_written`` hears of what was written to the machine: why it was refused, or nothing where it took it.
     """
 
-    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None) -> None:
         self._survey = survey
         self._consume = consume
         self._loop = asyncio.get_running_loop()
         self._heard_ns: dict[str, int] = {}
-        self._details: dict[str, str] = {}
+        self._details: dict[str, Words] = {}
         self._arrived: deque[Chunk] = deque()
         self._collected_ns = 0
         self._woken = False
@@ -96,7 +97,7 @@ class SurveyLinks:
                 return
         if self._lost_chunks and not self._arrived:
             chunks, size, self._lost_chunks, self._lost_bytes = self._lost_chunks, self._lost_bytes, 0, 0
-            self._consume(Loss(now_ns(), chunks, size, "a line brings more than can be worked through"))
+            self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
         """Have what the instruments said until now brought at once: somebody waits for it."""
@@ -120,7 +121,7 @@ class SurveyLinks:
 
     def _status(self, name: str) -> LinkStatus:
         if name not in self._lines:
-            return LinkStatus(state="connected", address="no signals: the laser alone", age_s=None, detail="")
+            return LinkStatus(state="connected", address=message("no-signals-laser-alone"), age_s=None, detail="")
         heard = self._heard_ns.get(name)
         return LinkStatus(
             state=self._lines[name].state,
@@ -129,7 +130,7 @@ class SurveyLinks:
             detail=self._details.get(name, ""),
         )
 
-    def _machine(self, on_written: Callable[[str], None]) -> MachinePoller:
+    def _machine(self, on_written: Callable[[Words], None]) -> MachinePoller:
         plc = self._survey.plc
         reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)  # an S7 answers all of them in one telegram
         return MachinePoller(machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
@@ -176,10 +177,11 @@ class SurveyLinks:
         await self._failed
 
     def _reporter(self, name: str) -> Report:
-        def changed(state: LinkState, detail: str) -> None:
-            self._details[name] = detail
+        def changed(state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
+            change = LinkEvent(now_ns(), name, state, detail, lost)  # type: ignore[arg-type]
+            self._details[name] = change.words
             self.collect()
-            self._consume(LinkEvent(now_ns(), name, state, detail))  # type: ignore[arg-type]
+            self._consume(change)
 
         return changed
 

@@ -15,7 +15,7 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 
@@ -40,7 +40,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
     time_s: float
     stops: int
-    reason: str
+    reason: Words
     doubts: tuple[Doubt, ...] = ()
 
 
@@ -58,7 +58,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
         """Return after how many stops what was suspected, as a book that has no stops yet takes it."""
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
-    def tell(self, book: PassBook) -> str:
+    def tell(self, book: PassBook) -> Words:
         """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
         for word in self.accepted:
             book.accept(word)
@@ -97,7 +97,7 @@ def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: 
 def _require_words(**given: str) -> None:
     for field, said in given.items():
         if not said.strip():
-            raise UsageError(f"accept: {field}", expected=message("expects-words"), found="nothing")
+            raise UsageError(message("where-accept-field", field=field), expected=message("expects-words"), found=message("nothing"))
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
@@ -109,10 +109,10 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """
     found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code)]
     if not found:
-        named = "; ".join(f"{doubt.place} ({doubt.code})" for doubt in still)
+        named = [message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still]
         raise UsageError(
             message("where-accept"),
-            expected=message("expects-place", remedy=named) if named else message("expects-doubted"),
+            expected=message("expects-place", places=named) if named else message("expects-doubted"),
             found=repr(place),
         )
     return found

@@ -6,12 +6,14 @@ replay hands over the same events in the same order and so gives the same result
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.records.status import LinkState
 
 Stream = Literal["laser", "head", "air"]
@@ -76,22 +78,29 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
     data: tuple[bytes, ...]
 
 
-LOST = "bytes lost: "
-"""What stands in a link's detail before what was lost on the way, and where."""
-
-
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state, or lost bytes: its ``detail`` says so behind `LOST`."""
+    """A link changed its state, or lost bytes: ``lost`` are the places where it lost them, and how often."""
 
     time_ns: int
     link: Link
     state: LinkState
-    detail: str = ""
+    detail: Words = ""
+    lost: tuple[Words, ...] = ()
+
+    @property
+    def words(self) -> Words:
+        """Return the state in words, and what was lost."""
+        return with_lost(self.detail, self.lost)
 
     @property
     def interrupts(self) -> bool:
         """Whether what comes next may not belong to what came before, a half line among it: silence and lost bytes leave the line open."""
         return self.state == "lost"
+
+
+def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
+    """Return the state of a link in words, and what it lost."""
+    return joined([each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each])
 
 
 class Loss(msgspec.Struct, frozen=True, gc=False):
@@ -103,7 +112,7 @@ class Loss(msgspec.Struct, frozen=True, gc=False):
     time_ns: int
     events: int
     bytes: int
-    reason: str
+    reason: Words
 
 
 Event = Chunk | ModbusBlock | LinkEvent | Loss

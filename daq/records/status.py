@@ -10,20 +10,24 @@ from typing import Literal, Protocol
 import msgspec
 
 from stepdiag.base.findings import NOWHERE, Finding, Severity
-from stepdiag.base.messages import Message, Place
+from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
 CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept"]
 
 
+State = Literal["open", "accepted", "past"]
+"""Whether a finding keeps its pass open, was accepted, or is past."""
+
+
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A link in words: ``age_s`` is the time since it last gave anything, None when it never did."""
 
     state: LinkState
-    address: str
+    address: Words
     age_s: float | None
-    detail: str = ""
+    detail: Words = ""
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -35,8 +39,8 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     stops_wanted: int
     stops_done: int
     state: Literal["to-do", "running", "done", "again"]
-    reason: str = ""
-    doubt: str = ""
+    reason: Words = ""
+    doubt: Words = ""
     """Which stops are kept although they may be off, and why."""
 
 
@@ -68,7 +72,7 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
     reading_mm: float
     deviation_um: float
     u_um: float
-    doubtful: str = ""
+    doubtful: Words = ""
     place: int = 0
 
 
@@ -84,7 +88,7 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     message: Message | None = None
     at: Place = NOWHERE
     place: str = ""
-    state: Literal["open", "accepted", "past"] = "past"
+    state: State = "past"
     word: str = ""
 
     @property
@@ -195,7 +199,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
     waits_in_vain: bool = False
     """Whether the machine waits for the handshake for longer than it should; what is wrong with it stands in ``message``."""
-    message: str = ""
+    message: Words = ""
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):

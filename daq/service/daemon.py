@@ -15,7 +15,7 @@ import structlog
 
 from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
@@ -67,7 +67,7 @@ class Daemon:
         self._notifier = Notifier()
         self._tally = Tally()
         self._stop = asyncio.Event()
-        self._told = ""
+        self._announced = ""
         self._blocked = False
         self._working: Working
         self._lock: FolderLock
@@ -123,7 +123,9 @@ class Daemon:
         ]
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
         self._notifier.ready()
-        _log.info("ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=self.status_source.waits_for())
+        _log.info(
+            "ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=str(self.status_source.waits_for())
+        )
         try:
             done, _ = await asyncio.wait([*workers, stopping], return_when=asyncio.FIRST_COMPLETED)
             for task in done - {stopping}:
@@ -157,18 +159,18 @@ class Daemon:
             waits_in_vain=lambda: self._handshake is not None and bool(self._handshake.alarm),
         )
 
-    def _alarms(self) -> list[str]:
+    def _alarms(self) -> list[Words]:
         waits = self._handshake.alarm if self._handshake is not None else ""
         return [said for said in (waits, self._working.session.unsolved) if said]
 
-    def _remark(self, text: str) -> None:
-        self._working.session.remark(text)
+    def _remark(self, what: Message) -> None:
+        self._working.session.remark(what)
 
     async def _finish(self, tasks: Sequence[asyncio.Task[Any]]) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        self._working.session.close("the daemon was stopped")
+        self._working.session.close(message("closed-stopped"))
         await self._working.finisher.close()
         if self._writing is not None:
             await self._writing
@@ -198,7 +200,7 @@ class Daemon:
         if waits := handshake.look(session.signals, block.recv_ns, self.status_source.waits_for):
             session.say(waits)
 
-    def _written(self, refused: str) -> None:
+    def _written(self, refused: Words) -> None:
         """Hear whether the machine took what was written."""
         if self._handshake is not None and (said := self._handshake.written(refused)):
             self._working.session.say(said)
@@ -211,7 +213,7 @@ class Daemon:
         if isinstance(outcome, Finding):
             self._tally.findings[outcome.code] += 1
             say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[outcome.severity]
-            say("finding", code=outcome.code, severity=outcome.severity, text=outcome.text)
+            say("finding", code=outcome.code, severity=outcome.severity, text=str(outcome.words))
         else:
             self._ended(outcome)
 
@@ -230,15 +232,15 @@ class Daemon:
             reading_mm=reading,
             deviation_um=deviation,
             u_um=round(stop.u_um, 4),
-            doubtful=stop.doubtful,
-            waits_for=self.status_source.waits_for(),
+            doubtful=str(stop.why()),
+            waits_for=str(self.status_source.waits_for()),
         )
         if self._handshake is not None:
             self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
         """Say so once the stops of the pass are said: what was last taken must outlive this process first."""
-        note = log_note(now_ns(), "info", ended.reason, "daemon")
+        note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
         self._loop.call_soon(self._complete_if_settled)
 
@@ -264,7 +266,7 @@ class Daemon:
         """Say what is doubted, where it is still so: somebody may have accepted it meanwhile, or driven it again."""
         if session is not self._working.session or session.book.doubts() != still:
             return
-        places, reason = places_of(still), "; ".join(dict.fromkeys(doubt.text for doubt in still))
+        places, reason = places_of(still), "; ".join(dict.fromkeys(str(doubt.words) for doubt in still))
         said = {"folder": str(session.folder), "doubted": places, "reason": reason}
         self._write_live(lambda: _log.warning("survey-open", **said))
 
@@ -331,7 +333,7 @@ class Daemon:
             if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
                 self._write_live()
             self._working.survey_links.collect()
-            self._tell(self.status_source.waits_for())
+            self._announce(str(self.status_source.waits_for()))
             self._look_at_verdicts()
             self._look_at_begun()
             await self.status_source.publish()
@@ -348,20 +350,20 @@ class Daemon:
         if then is not None:
             then()
 
-    def _tell(self, waits_for: str) -> None:
-        """Say what the daemon waits for: to systemd always, into the log where nothing is being recorded."""
+    def _announce(self, waits_for: str) -> None:
+        """Report what the daemon waits for: to systemd always, into the log where nothing is being recorded."""
         self._notifier.status(waits_for)
-        if waits_for != self._told and not self._working.session.recording:
+        if waits_for != self._announced and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
-        self._told = waits_for
+        self._announced = waits_for
 
 
 def _say_ended(ended: Ended) -> None:
-    _log.info("pass-ended", kind=ended.kind, reason=ended.reason)
+    _log.info("pass-ended", kind=ended.kind, reason=str(ended.reason))
 
 
 def _unwritten(health: RecorderHealth) -> DeviceError:
     """Return the error for a disk that has not taken what was recorded last."""
     remedy = message("make-room")
-    found = message("bytes-lost", why=health.reason or "a disk that is too slow", count=health.backlog_bytes)
+    found = message("bytes-lost", why=health.reason or message("disk-too-slow"), count=health.backlog_bytes)
     return DeviceError(str(health.path), expected=message("disk-takes"), found=found, remedy=remedy)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.messages import Message
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.survey_time import clock_findings
-from stepdiag.daq.records.status import FindingStatus
+from stepdiag.daq.records.status import FindingStatus, State
 
 SHOWN = 50
 """The latest of those that are past."""
@@ -41,15 +42,21 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
     place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
-    said = {"code": found.code, "severity": found.severity, "text": found.text, "message": found.message, "at": found.place}
+    said = {"code": found.code, "severity": found.severity, "text": str(found.words), "message": found.message, "at": found.place}
     return FindingStatus(**said, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
 
 
 def _open(doubt: Doubt) -> FindingStatus:
-    return FindingStatus(code=doubt.code, severity="warning", text=doubt.text, place=doubt.place, state="open")
+    return _doubted("warning", doubt, "open")
 
 
 def _accepted(doubt: Doubt, word: Acceptance) -> FindingStatus:
     moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
     said = f"{word.name}, {moment}: {word.reason}"
-    return FindingStatus(code=doubt.code, severity="info", text=doubt.text, place=doubt.place, state="accepted", word=said)
+    return _doubted("info", doubt, "accepted", said)
+
+
+def _doubted(severity: Severity, doubt: Doubt, state: State, word: str = "") -> FindingStatus:
+    why = doubt.why if isinstance(doubt.why, Message) else None
+    text = str(doubt.words)
+    return FindingStatus(code=doubt.code, severity=severity, text=text, message=why, at=doubt.at, place=doubt.place, state=state, word=word)

@@ -8,11 +8,14 @@ import msgspec
 
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.files import read_bytes
+from stepdiag.base.messages import Message, Words
 from stepdiag.daq.records.status import LinkStatus
 
 FILE = ".now.json"
 OLD_S = 10.0
 """A daemon that has written nothing for so long stands still, or its disk does."""
+AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
+"""Messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
 
 
@@ -20,13 +23,18 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser told last of air and material."""
 
     time_s: float
-    waits_for: str
-    message: str
+    waits_for: Words
+    message: Words
     laser: LinkStatus
     plc: LinkStatus
     head: LinkStatus | None = None
     air: LinkStatus | None = None
     told: dict[str, float] = {}
+
+    def awaits_stop_of(self, setup: str) -> bool:
+        """Tell whether the daemon waits for the next stop of a setup."""
+        waits = self.waits_for
+        return isinstance(waits, Message) and waits.key in AT_STOPS and waits.arguments["setup"] == setup
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:

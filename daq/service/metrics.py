@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import LinkStatus
 
 GB = 1e9
@@ -47,7 +48,7 @@ def disk_free_bytes(folder: Path) -> int:
     return shutil.disk_usage(folder).free
 
 
-def words_on_disk(folder: Path, least_gb: float) -> str:
+def words_on_disk(folder: Path, least_gb: float) -> Words:
     """Return what is to be said of a disk with less space than this; empty where there is more."""
     free_gb = disk_free_bytes(folder) / GB
-    return f"only {free_gb:.1f} GB are left on the disk: make room before the recording stops" if free_gb < least_gb else ""
+    return message("disk-left", free_gb=free_gb) if free_gb < least_gb else ""

@@ -5,6 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
@@ -29,7 +30,7 @@ def snapshot(
     result_ready: bool,
     programs: Mapping[str, str] | None = None,
     waits_in_vain: bool = False,
-    message: str = "",
+    notice: Words = "",
 ) -> Snapshot:
     """Return what the daemon knows at this moment; ``links`` are laser, machine, 4-DOF head and sensor of air."""
     laser, plc, head, air = links
@@ -88,7 +89,7 @@ def snapshot(
         recording=session.recording,
         begins=survey.plc.silent and not session.recording and bool(setup),
         waits_in_vain=waits_in_vain,
-        message=message,
+        message=notice,
     )
 
 
@@ -130,8 +131,8 @@ def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[D
         stops_wanted=stops_wanted,
         stops_done=stops_wanted - sum(drive.stops for drive in drives),
         state=state,  # type: ignore[arg-type]
-        reason="; ".join(f"pass {each.number}: {each.why_incomplete()}" for each in passes if each.number in again),
-        doubt="; ".join(f"pass {each.number}: {why}" for each in passes if (why := each.why_doubtful())),
+        reason=joined([message("pass-why", number=each.number, why=each.why_incomplete()) for each in passes if each.number in again]),
+        doubt=joined([message("pass-why", number=each.number, why=why) for each in passes if (why := each.why_doubtful())]),
     )
 
 

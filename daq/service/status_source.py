@@ -10,7 +10,7 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import finding
-from stepdiag.base.messages import excerpt, message
+from stepdiag.base.messages import Message, Words, excerpt, joined, message
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.passes.doubt import places_of
 from stepdiag.daq.recording.session import Session
@@ -41,7 +41,7 @@ class Working:
     supervisor: Supervisor
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
-    alarms: Callable[[], Sequence[str]] = tuple
+    alarms: Callable[[], Sequence[Words]] = tuple
     """What a person must see at once, in words."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
@@ -87,17 +87,20 @@ class DaemonStatusSource:
             return "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
         return working.finisher.phase if working.shown is not working.session else "waiting-program"
 
-    def waits_for(self) -> str:
-        """Return in words what the daemon waits for."""
+    def waits_for(self) -> Words:
+        """Return what the daemon waits for."""
         if refused := _refused(self._at_work.recorder):
             return refused
         phase = self.phase()
         setup, stop, count, axis = expected_stop(self._at_work.session)
         if phase == "solving":
-            return "solving"
-        if phase in ("waiting-stop", "dwelling"):
-            move = f", {axis.upper()} move" if axis else ""
-            return f"{setup} {stop}/{count - 1}, {'taking the stop' if phase == 'dwelling' else f'waiting for the machine{move}'}"
+            return message("waits-solving")
+        if phase == "dwelling":
+            return message("waits-taking", setup=setup, stop=stop, last=count - 1)
+        if phase == "waiting-stop" and axis:
+            return message("waits-move", setup=setup, stop=stop, last=count - 1, axis=axis.upper())
+        if phase == "waiting-stop":
+            return message("waits-machine", setup=setup, stop=stop, last=count - 1)
         return _idle(self._at_work.session, setup)
 
     def live(self) -> LiveStatus:
@@ -117,7 +120,7 @@ class DaemonStatusSource:
             result_ready=working.finisher.result is not None,
             programs=working.programs,
             waits_in_vain=working.waits_in_vain(),
-            message=_message(working),
+            notice=_message(working),
         )
 
     def figures(self) -> Figures:
@@ -175,12 +178,12 @@ class DaemonStatusSource:
                     session.begin(session.book.next_setup(), now_ns())
                 working.paused = False
             case "pause":
-                session.close("paused by the operator")
+                session.close(message("closed-paused"))
                 working.paused = True
             case "abort-setup":
                 if not session.recording:
-                    raise UsageError(message("where-abort"), expected=message("expects-recorded"), found="none")
-                session.close("aborted by the operator")
+                    raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
+                session.close(message("closed-aborted"))
             case "choose-setup":
                 session.book.preferred = _planned(session, arguments.get("setup", ""))
             case "zero":
@@ -192,38 +195,37 @@ class DaemonStatusSource:
         self.news()
 
 
-def _idle(session: Session, setup: str) -> str:
+def _idle(session: Session, setup: str) -> Message:
     """Return what is waited for while nothing is being recorded."""
     if session.unsolved:
-        return f"every pass is in, and there is no result: {session.unsolved}"
+        return message("waits-unsolved", why=session.unsolved)
     if session.book.whole() and setup:
-        places = ", ".join(places_of(session.book.doubts()))
-        return f"doubted: {places}; waiting for the program of {setup}, or for somebody who accepts it"
+        return message("waits-doubted", places=places_of(session.book.doubts()), setup=setup)
     if session.survey.plc.silent and setup:
-        return f"waiting for somebody who begins {setup}: the page, or `stepdiag begin`"
-    return f"waiting for the program of {setup}" if setup else "complete, waiting for a program"
+        return message("waits-begin", setup=setup)
+    return message("waits-program", setup=setup) if setup else message("waits-complete")
 
 
-def _message(working: Working) -> str:
+def _message(working: Working) -> Words:
     """Return what a person must see at once."""
-    return "; ".join(dict.fromkeys(filter(None, (*working.alarms(), _of_service(working)))))
+    return joined(list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each)))
 
 
-def _of_service(working: Working) -> str:
+def _of_service(working: Working) -> Words:
     """Return what is wrong with the service itself."""
     return _refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason
 
 
-def _refused(recorder: Recorder) -> str:
-    """Return in words that the disk refuses; empty while it does not."""
+def _refused(recorder: Recorder) -> Words:
+    """Return that the disk refuses; empty while it does not."""
     health = recorder.health
-    return f"the disk refuses ({health.reason}): the recording goes on when there is room" if health.state == "blocked" else ""
+    return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""
 
 
 def _planned(session: Session, setup: str) -> str:
     planned = session.survey.plan.all_setups
     if setup not in planned:
-        raise UsageError(message("where-choose"), expected=f"one of {', '.join(planned)}", found=repr(setup))
+        raise UsageError(message("where-choose"), expected=message("one-of", names=planned), found=repr(setup))
     return setup
 
 

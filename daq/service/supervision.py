@@ -7,6 +7,7 @@ from pathlib import Path
 
 import structlog
 
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.service.metrics import GB, Tally, disk_free_bytes, words_on_disk
 from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.timing.host_clock import ClockWatch
@@ -29,7 +30,7 @@ class Supervisor:
         self,
         notifier: Notifier,
         dead: Callable[[], list[str]],
-        remark: Callable[[str], None],
+        remark: Callable[[Message], None],
         tally: Tally,
         require_folder: Callable[[], None],
         folder: Path,
@@ -43,7 +44,7 @@ class Supervisor:
         self._folder = folder
         self._min_free_gb = min_free_gb
         self._clocks = ClockWatch()
-        self.disk = ""
+        self.disk: Words = ""
         """What is to be said of the disk; empty while there is room."""
 
     async def watch(self) -> None:
@@ -72,7 +73,7 @@ class Supervisor:
         look = self._clocks.look()
         if look.set_by_s:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))
-            self._remark(f"the time of day was set by {look.set_by_s:+.1f} s; the stamps of this log go on by the host's own clock")
+            self._remark(message("clock-was-set", by_s=look.set_by_s))
         if look.apart_s > interval_s + STOOD_S:
             _log.warning("stood-still", seconds=round(look.apart_s - interval_s, 1), asleep_s=round(look.asleep_s, 1))
-            self._remark(f"nothing was done for {look.apart_s - interval_s:.1f} s; the computer slept {look.asleep_s:.1f} s of them")
+            self._remark(message("stood-still", seconds_s=look.apart_s - interval_s, asleep_s=look.asleep_s))

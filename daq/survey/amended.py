@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Plan
 
@@ -33,11 +34,11 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
     amended = "".join("".join(_amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments)) for block in blocks)
     survey = parse_survey(amended, source)
     if increments is not None and survey.box.increments != increments:
-        raise UsageError(f"{source}: volume", expected="a section [volume] with one setting a line", found="another form of it",
-                         remedy=f"increments = {increments}")  # fmt: skip
+        raise UsageError(f"{source}: volume", expected=message("section-volume-with-one"), found=message("another-form"),
+                         remedy=message("increments-line", increments=increments))  # fmt: skip
     found = survey.plan
     if found != plan:
-        raise UsageError(f"{source}: plan", expected="a section [plan] with one setting a line", found="another form of it",
+        raise UsageError(f"{source}: plan", expected=message("section-plan-with-one"), found=message("another-form"),
                          remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
     return amended
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.base.conditions.air import Air, AirUncertainty, index_u
 from stepdiag.base.conditions.assumptions import Assumptions, usual_sizes
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
@@ -34,7 +35,7 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
     """
     document = read_toml(text, source)
     if "uncertainty" not in document:
-        raise refuse(source, "uncertainty", "a table [uncertainty]", list(document))
+        raise refuse(source, "uncertainty", message("table-uncertainty"), list(document))
     return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"), Environment())
 
 

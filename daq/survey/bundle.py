@@ -57,7 +57,7 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that were active while measuring, by name. Raises DataError for a bundle without one that the survey names."""
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
-        raise DataError(missing[0], expected=message("named-in-log"), found="nothing")
+        raise DataError(missing[0], expected=message("named-in-log"), found=message("nothing"))
     return {name: bundle[name] for name in survey.machine.active}
 
 
@@ -79,10 +79,10 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
     try:
         found = {key.removeprefix(PREFIX): base64.b64decode(text, validate=True) for key, text in run.items() if key.startswith(PREFIX)}
     except ValueError as error:  # binascii.Error, or letters that base64 has not
-        raise DataError(source, expected="the survey's files in base64", found=str(error)) from error
+        raise DataError(source, expected=message("survey-s-files-base64"), found=str(error)) from error
     large = [name for name, data in found.items() if len(data) > LARGEST_TABLE_BYTES]
     if large:
-        raise DataError(f"{source}: {large[0]}", expected=f"at most {LARGEST_TABLE_BYTES} bytes", found="more")
+        raise DataError(f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found="more")
     return found
 
 
@@ -100,7 +100,7 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
     """Refuse a bundle that would make a log that nobody can read."""
     size = sum(map(len, bundle.values()))
     if size > MAX_BUNDLE_BYTES:
-        raise UsageError(source, expected=f"at most {MAX_BUNDLE_BYTES} bytes in all files that it names", found=str(size))
+        raise UsageError(source, expected=message("at-most-bytes-all", max_bundle_bytes=MAX_BUNDLE_BYTES), found=str(size))
 
 
 def _read(path: Path, source: str) -> bytes:

@@ -1,5 +1,6 @@
 """Conditions that a person states after a survey: they count in place of what was recorded."""
 
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment
 
@@ -18,5 +19,5 @@ def parse_environment(text: str, source: str) -> dict[str, float]:
     stated = convert(table, Environment, source, "environment")
     named = [name for name in NAMES if name in table]
     if not named:
-        raise refuse(source, "environment", f"at least one of {', '.join(NAMES)}", list(table))
+        raise refuse(source, "environment", message("at-least-one", names=list(NAMES)), list(table))
     return {name: float(getattr(stated, name)) for name in named}

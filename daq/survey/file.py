@@ -12,6 +12,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, read_bytes
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.daq.survey.formats import head_decoder, laser_decoder
 from stepdiag.daq.survey.head_file import parse_head_file, require_owner
@@ -30,15 +31,13 @@ def load_survey(path: Path) -> Survey:
     survey = parse_survey(read_text(path), str(path.name))
     if survey.page.token:
         raise UsageError(
-            f"{path.name}: page.token", expected="no secret: every log carries the survey file", found="a token",
-            remedy="write another one into a file of mode 600 and name it: page.token_file (docs/security.md)",
+            f"{path.name}: page.token", expected=message("no-secret-every-log"), found=message("a-token"),
+            remedy=message("write-another-one-into"),
         )  # fmt: skip
     for field, name in _named_files(survey):
         if not (path.parent / name).is_file():
-            found = f"no file {name} beside {path.name}"
-            raise UsageError(
-                f"{path.name}: {field}", expected="a file that exists", found=found, remedy="paths are seen from the survey file"
-            )
+            found = message("no-file-beside", name=name, name_2=path.name)
+            raise UsageError(f"{path.name}: {field}", expected=message("file-exists"), found=found, remedy=message("paths-are-seen-from"))
     if survey.head is not None and survey.head.calibration:
         name = survey.head.calibration
         data = read_bytes(path.parent / name, name, largest=LARGEST_SETTINGS_BYTES, blame=UsageError)

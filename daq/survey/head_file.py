@@ -12,6 +12,7 @@ from msgspec import Meta
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import as_text
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.base.volume import Vector
 from stepdiag.daq.survey.models import Head as HeadSection
@@ -109,7 +110,7 @@ def parse_head_file(data: bytes, source: str) -> HeadFile:
     for name, detector in (("qd", file.qd), ("psd1", file.psd1), ("psd2", file.psd2)):
         for letter, axis in (("x", detector.x), ("y", detector.y)):
             if axis.low >= axis.high:
-                raise UsageError(f"{source}: {name}.{letter}.high", expected=f"more than low, {axis.low:g}", found=f"{axis.high:g}")
+                raise UsageError(f"{source}: {name}.{letter}.high", expected=message("more-than-low", low=axis.low), found=f"{axis.high:g}")
     return file
 
 
@@ -117,7 +118,7 @@ def _check_date(file: HeadFile, source: str) -> None:
     try:
         dt.date.fromisoformat(file.head.date)
     except ValueError as error:
-        raise UsageError(f"{source}: head.date", expected='a day such as "2026-03-31"', found=file.head.date) from error
+        raise UsageError(f"{source}: head.date", expected=message("day-such-as"), found=file.head.date) from error
 
 
 def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
@@ -126,9 +127,9 @@ def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
         if of_file != of_survey:
             raise DataError(
                 f"{source}: head.{field}",
-                expected=f"{of_survey!r}, the head of the survey",
+                expected=message("head-survey", of_survey=repr(of_survey)),
                 found=f"{of_file!r}",
-                remedy="name the calibration file of the head that measures, or calibrate it",
+                remedy=message("name-calibration-file-head"),
             )
 
 

@@ -47,30 +47,30 @@ def check(survey: Survey, source: str) -> None:
 
 def _volume(survey: Survey, source: str) -> Iterator[UsageError]:
     if reads_like_metres(survey.box.size_mm):
-        yield refuse(source, "volume.size_mm", "lengths in mm", list(survey.box.size_mm), "this reads like metres: times 1000")
+        yield refuse(source, "volume.size_mm", message("lengths-mm"), list(survey.box.size_mm), message("reads-like-metres"))
 
 
 def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
     setups = survey.plan.setups
     if not setups:
-        yield refuse(source, "plan.setups", "at least one setup", [])
+        yield refuse(source, "plan.setups", message("some-setup"), [])
     for index, setup in enumerate(setups):
         field = f"plan.setups[{index}]"
         if setup not in _SETUP_NAMES:
             yield unknown_key(source, field, setup, list(_SETUP_NAMES))
         if setup in setups[:index]:
-            yield refuse(source, field, "every setup once", setup, "use plan.repeats to drive every setup more than once")
+            yield refuse(source, field, message("every-setup-once"), setup, message("use-plan-repeats-drive"))
         if setup in FOURDOF_RUNS and survey.head is None:
-            yield refuse(source, field, "a [head] section for a 4-DOF run", setup)
+            yield refuse(source, field, message("head-section-needed"), setup)
         if setup in FOURDOF_RUNS and survey.head is not None and survey.head.angular:
             yield from _turns(survey.head, setup, source)
         elif setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
-            remedy = "`stepdiag fourdof calibrate` writes the calibration file of a head"
-            yield refuse(source, "head.calibration", "the head's id and calibration file, for a 4-DOF run", survey.head.calibration, remedy)
+            remedy = message("stepdiag-fourdof-calibrate-writes")
+            yield refuse(source, "head.calibration", message("head-s-id-calibration"), survey.head.calibration, remedy)
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
-            yield refuse(source, field, "a beam that is shifted", list(offset.offset_mm), "name the setup in plan.setups instead")
+            yield refuse(source, field, message("beam-shifted"), list(offset.offset_mm), message("name-setup-plan-setups"))
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
@@ -80,50 +80,50 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
     turns = head.angles.turns(axis)
     field, letters = f"head.angles.{axis}", [turn[1] for turn in turns]
     if not turns or len(turns) > 2 or len(set(letters)) != len(letters):
-        remedy = 'such as ["+C", "+B"]: the first reading is the rotation about Z, the second that about Y'
-        yield refuse(source, field, f"the rotation that each reading tells in {setup}, with its sign", list(turns), remedy)
+        remedy = message("such-c-b-first")
+        yield refuse(source, field, message("rotation-each-reading-tells", setup=setup), list(turns), remedy)
     if head.format == "elcomat" and own in letters:
-        yield refuse(source, field, f"no {own}: an autocollimator does not see the roll about its own beam", list(turns))
+        yield refuse(source, field, message("no-autocollimator-does-not", own=own), list(turns))
 
 
 def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
     """Judge what would end the daemon later, with an error of Python's own: names of hosts and folders that no system takes."""
     for field, host in (("plc.host", survey.plc.host), ("page.host", survey.page.host), ("metrics.host", survey.metrics.host)):
         if not can_be_host(host):
-            yield refuse(source, field, "a name or an address, 1 to 63 letters between two dots", host[:MOST_SHOWN])
+            yield refuse(source, field, message("name-or-address"), host[:MOST_SHOWN])
     directory = survey.identity.directory
     if (
         "\0" in directory
         or len(directory.encode()) > LONGEST_PATH
         or any(len(part.encode()) > LONGEST_NAME for part in directory.split("/"))
     ):
-        expected = f"a path of at most {LONGEST_PATH} bytes whose folders have names of at most {LONGEST_NAME}"
+        expected = message("path-at-most-bytes", longest_path=LONGEST_PATH, longest_name=LONGEST_NAME)
         yield refuse(source, "survey.directory", expected, directory[:MOST_SHOWN])
 
 
 def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
     letters = survey.machine.chain.upper().replace("F", "", 1)
     if "F" not in survey.machine.chain.upper() or sorted(letters.lower()) != sorted(AXES):
-        yield refuse(source, "machine.chain", "F, X, Y and Z once each, from workpiece to tool, such as FXYZ", survey.machine.chain)
+        yield refuse(source, "machine.chain", message("f-x-y-z"), survey.machine.chain)
     machine = survey.machine
     if machine.compensation == "on":
-        remedy = "back the active tables up from the control, or measure with the compensation off"
+        remedy = message("back-active-tables-up")
         if not machine.active:
-            yield refuse(source, "machine.active", 'the files that are active, for compensation = "on"', [], remedy)
+            yield refuse(source, "machine.active", message("files-are-active-for"), [], remedy)
         if machine.active_date is None:
-            yield refuse(source, "machine.active_date", "the day on which the active files were read out, such as 2026-01-31", None)
+            yield refuse(source, "machine.active_date", message("day-on-which-active"), None)
         if not machine.active_source.strip():
-            yield refuse(source, "machine.active_source", "how the active files were read out of the control", machine.active_source)
+            yield refuse(source, "machine.active_source", message("how-active-files-were"), machine.active_source)
     elif machine.compensation == "off" and machine.active:
-        yield refuse(source, "machine.active", 'no file for compensation = "off"', list(machine.active))
+        yield refuse(source, "machine.active", message("no-file-for-compensation"), list(machine.active))
 
 
 def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
     laser = survey.laser
     if laser.format == "frames" and laser.frames is None:
-        yield refuse(source, "laser.frames", 'a table for format = "frames"', None, "add [laser.frames] with the layout of a frame")
+        yield refuse(source, "laser.frames", message("table-for-format-frames"), None, message("add-laser-frames-with"))
     elif laser.format == "line" and laser.line is None:
-        yield refuse(source, "laser.line", 'a table for format = "line"', None, "add [laser.line] with the pattern of a line")
+        yield refuse(source, "laser.line", message("table-for-format-line"), None, message("add-laser-line-with"))
     elif laser.format == "line" and laser.line is not None:
         yield from _line(laser.line, source)
     else:
@@ -150,14 +150,14 @@ def _line(line: LineSection, source: str) -> Iterator[UsageError]:
         yield refusal
         return
     if "position" not in groups:
-        yield refuse(source, "laser.line.pattern", "a named group (?P<position>...)", line.pattern)
+        yield refuse(source, "laser.line.pattern", message("named-group-p-position"), line.pattern)
     for group in groups:
         if group not in _LINE_GROUPS:
             yield unknown_key(source, "laser.line.pattern", group, list(_LINE_GROUPS))
     if line.counter_modulus == 1:
-        yield refuse(source, "laser.line.counter_modulus", "0 (it never repeats) or 2 and more", 1)
+        yield refuse(source, "laser.line.counter_modulus", message("modulus-of-counter"), 1)
     if line.scale == 0:
-        yield refuse(source, "laser.line.scale", "a number other than 0", line.scale)
+        yield refuse(source, "laser.line.scale", message("number-not-zero"), line.scale)
 
 
 def _head(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -173,34 +173,34 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
     for field, port in list(ports.items())[1:]:
         other = next(name for name, value in ports.items() if value == port)
         if other != field:
-            yield refuse(source, field, f"another port than {other}", port)
+            yield refuse(source, field, message("another-port-than", other=other), port)
     for axis, run in zip(AXES, (survey.head.x, survey.head.y, survey.head.z) if survey.head is not None else (), strict=False):
         if run.beam[1] != axis:
-            yield refuse(source, f"head.{axis}.beam", f"+{axis} or -{axis}", run.beam)
+            yield refuse(source, f"head.{axis}.beam", message("either-sign", axis=axis), run.beam)
         if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
             found = [run.beam, run.detector_x, run.detector_y]
-            yield refuse(source, f"head.{axis}", "beam, detector_x and detector_y along three different axes", found)
+            yield refuse(source, f"head.{axis}", message("beam-detector-x-detector"), found)
 
 
 def _air(survey: Survey, source: str) -> Iterator[UsageError]:
     sensor, source_of_air = survey.air_sensor, survey.environment.source
     if source_of_air == "sensor" and sensor is None:
-        remedy = "add [environment.sensor] with its port and what its lines look like"
-        yield refuse(source, "environment.sensor", 'a table for source = "sensor"', None, remedy)
+        remedy = message("add-environment-sensor-with")
+        yield refuse(source, "environment.sensor", message("table-for-source-sensor"), None, remedy)
     if survey.environment.sensor is not None and source_of_air not in ("sensor", "fixed"):
-        remedy = "nobody would listen to the sensor; take its table out where the air comes from elsewhere"
-        yield refuse(source, "environment.source", '"sensor" or "fixed" beside [environment.sensor]', source_of_air, remedy)
+        remedy = message("nobody-would-listen-sensor")
+        yield refuse(source, "environment.source", message("sensor-fixed-beside-environment"), source_of_air, remedy)
     if source_of_air == "laser" and survey.laser.format not in _TELL_AIR:
-        remedy = "nobody would tell air and material, and the values of [environment] would count without a word"
-        yield refuse(source, "environment.source", f'"laser" with format = {" or ".join(_TELL_AIR)} alone', survey.laser.format, remedy)
+        remedy = message("nobody-would-tell-air")
+        yield refuse(source, "environment.source", message("laser-with-format-alone", names=list(_TELL_AIR)), survey.laser.format, remedy)
     if sensor is None:
         return
     if sensor.format == "ptu300" and not sensor.pattern and (sensor.temperature_unit, sensor.pressure_unit) != ("C", "hPa"):
-        found = f"{sensor.temperature_unit} and {sensor.pressure_unit}"
-        remedy = "its lines name them; one that is set to other units needs a pattern of its own"
-        yield refuse(source, "environment.sensor", 'the units "C" and "hPa" for format = "ptu300"', found, remedy)
+        found = message("both-units", temperature_unit=sensor.temperature_unit, pressure_unit=sensor.pressure_unit)
+        remedy = message("its-lines-name-them")
+        yield refuse(source, "environment.sensor", message("units-c-hpa-for"), found, remedy)
     if sensor.format == "line" and not sensor.pattern:
-        yield refuse(source, "environment.sensor.pattern", 'the pattern of a line for format = "line"', sensor.pattern)
+        yield refuse(source, "environment.sensor.pattern", message("pattern-line-for-format"), sensor.pattern)
         return
     try:
         air_settings(sensor)
@@ -215,8 +215,8 @@ def _port(field: str, port: str, source: str) -> Iterator[UsageError]:
         yield refusal
         return
     if line is not None and line.scheme == "rfc2217" and field == "plc.serial_port":
-        remedy = "set the line up at the terminal server and name it socket://"
-        yield refuse(source, field, "a serial port or socket://host:port", port, remedy)
+        remedy = message("set-line-up-at")
+        yield refuse(source, field, message("serial-port-socket-host"), port, remedy)
 
 
 def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -225,15 +225,15 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
         yield from _silent(survey, source)
         return
     if plc.transport in _MAPS and not plc.signals:
-        yield refuse(source, "plc.signals", _MAPS[plc.transport], [], "`stepdiag setup` writes them; docs/controls.md shows them")
+        yield refuse(source, "plc.signals", _MAPS[plc.transport], [], message("stepdiag-setup-writes-them"))
         return
     yield from _asked(plc, source)
     if wrong := [*_places(plc, source), *_expressions(plc, source)]:
         yield from wrong
         return
     if "stopped" not in plc.signal_names:
-        remedy = "every other signal may be absent; it may be made of others in [plc.expressions]"
-        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.signal_names), remedy)
+        remedy = message("every-other-signal-may")
+        yield refuse(source, "plc.signals", message("at-least-signal-stopped"), list(plc.signal_names), remedy)
     yield from _overlaps({name: spec for name, spec in plc.signals.items() if name not in plc.inputs}, source)
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
@@ -244,7 +244,7 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _asked(plc: Plc, source: str) -> Iterator[UsageError]:
     if plc.transport == "rtu" and not plc.serial_port:
-        yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
+        yield refuse(source, "plc.serial_port", message("serial-port-for-transport"), "", message("such-dev-ttyusb1"))
     if plc.poll_hz > _MAX_POLL_HZ:
         yield refuse(source, "plc.poll_hz", message("at-most", value=_MAX_POLL_HZ), plc.poll_hz)
 
@@ -264,35 +264,35 @@ def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
         if entries:
             yield refuse(source, f"plc.{field}", none, list(entries))
     if plc.handshake.enabled:
-        yield refuse(source, "plc.handshake.enabled", f"false, {none}", True)
+        yield refuse(source, "plc.handshake.enabled", message("false-or-none", none=none), True)
     if survey.environment.source == "plc":
-        remedy = 'or "laser", where its own sensors tell, or "sensor"'
-        yield refuse(source, "environment.source", '"fixed" with transport = "none": nobody tells air and material', "plc", remedy)
+        remedy = message("laser-where-its-own")
+        yield refuse(source, "environment.source", message("fixed-with-transport-none"), "plc", remedy)
     for index, setup in enumerate(survey.plan.setups):
         if setup in FOURDOF_RUNS:
-            yield refuse(source, f"plan.setups[{index}]", 'no 4-DOF run with transport = "none": the head sees no travel', setup)
+            yield refuse(source, f"plan.setups[{index}]", message("no-4-dof-run"), setup)
 
 
 def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
     for name, spec in plc.inputs.items():
         if not _INPUT_NAME.match(name):
-            yield refuse(source, f"plc.inputs.{name}", "a name of letters, digits and underscore, a letter first, at most 32", name)
+            yield refuse(source, f"plc.inputs.{name}", message("name-letters-digits-underscore"), name)
         if name in SIGNAL_NAMES:
-            yield refuse(source, f"plc.inputs.{name}", "a name that is no signal's", name, "signals stand in [plc.signals]")
+            yield refuse(source, f"plc.inputs.{name}", message("name-no-signal-s"), name, message("signals-stand-plc-signals"))
         yield from _place(f"plc.inputs.{name}", spec, source)
     for name, text in plc.expressions.items():
         field, wanted = f"plc.expressions.{name}", "bit" if name in SWITCHED else "word"
         if name not in (*SWITCHED, *COUNTED):
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
-            yield refuse(source, field, f"either an expression or [plc.signals.{name}]", "both")
+            yield refuse(source, field, message("either-expression-plc-signals", name=name), "both")
         try:
             found = plc.expression(name, source)
         except UsageError as error:
             yield error
             continue
         if found.kind != wanted:
-            yield refuse(source, field, "yes or no (a comparison)" if wanted == "bit" else "a number", text)
+            yield refuse(source, field, message("yes-no-comparison") if wanted == "bit" else message("a-number"), text)
 
 
 def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
@@ -301,23 +301,23 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
         yield unknown_key(source, field, name, list(SIGNAL_NAMES))
     yield from _place(field, spec, source)
     if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
-        yield refuse(source, f"{field}.type", "a number", spec.type, f"only {', '.join(SWITCHED)} and heartbeat may be bits")
+        yield refuse(source, f"{field}.type", message("a-number"), spec.type, message("only-heartbeat-may-be", names=list(SWITCHED)))
     if name in SWITCHED and spec.type != "bit" and (spec.scale != 1 or spec.offset != 0):
-        yield refuse(source, f"{field}.scale", "1 and offset 0: the signal is yes or no", spec.scale)
+        yield refuse(source, f"{field}.scale", message("1-offset-0-signal"), spec.scale)
 
 
 def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     """Judge where a signal or an input lies and how it is read."""
     if spec.in_bit_table and spec.type != "bit":
-        yield refuse(source, f"{field}.type", f'"bit" in table {spec.table}', spec.type)
+        yield refuse(source, f"{field}.type", message("bit-table", table=spec.table), spec.type)
     if spec.in_bit_table and spec.bit:
-        yield refuse(source, f"{field}.bit", f"0 in table {spec.table}, where an address is one bit", spec.bit)
+        yield refuse(source, f"{field}.bit", message("0-table-where-address", table=spec.table), spec.bit)
     if spec.scale == 0:
-        yield refuse(source, f"{field}.scale", "a number other than 0", spec.scale)
+        yield refuse(source, f"{field}.scale", message("number-not-zero"), spec.scale)
     if spec.type == "bit" and (spec.scale != 1 or spec.offset != 0):
-        yield refuse(source, f"{field}.scale", "1 and offset 0: the signal is yes or no", spec.scale)
+        yield refuse(source, f"{field}.scale", message("1-offset-0-signal"), spec.scale)
     if spec.address + spec.width > 65536:
-        yield refuse(source, f"{field}.address", "at most 65534 for a number of two registers", spec.address)
+        yield refuse(source, f"{field}.address", message("at-most-65534-for"), spec.address)
 
 
 def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
@@ -326,9 +326,9 @@ def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[
     if not wanted.match(spec.table):
         yield refuse(source, f"{field}.table", words, spec.table)
     elif spec.in_byte_table and spec.bit > 7:
-        yield refuse(source, f"{field}.bit", f"0 to 7 in {spec.table}, where an address is a byte", spec.bit)
+        yield refuse(source, f"{field}.bit", message("0-7-where-address", table=spec.table), spec.bit)
     elif spec.in_byte_table and spec.type != "bit" and spec.order != _ORDERS[plc.transport]:
-        yield refuse(source, f"{field}.order", f'"{_ORDERS[plc.transport]}", as this control keeps its numbers', spec.order)
+        yield refuse(source, f"{field}.order", message("this-control-keeps-its", orders=_ORDERS[plc.transport]), spec.order)
 
 
 def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
@@ -336,10 +336,8 @@ def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
     ranges = plan_reads(plc.signals, ())
     asked, answered = 14 + 12 * len(ranges), 14 + sum(5 + each.byte_count for each in ranges)
     if max(asked, answered) > _S7_PDU:
-        found = f"{len(ranges)} ranges of {sum(each.byte_count for each in ranges)} bytes"
-        yield refuse(
-            source, "plc.signals", f"what one telegram of {_S7_PDU} bytes can ask for and answer", found, "lay them closer together"
-        )
+        found = message("ranges-bytes", ranges=len(ranges), value=sum(each.byte_count for each in ranges))
+        yield refuse(source, "plc.signals", message("what-one-telegram-bytes", s7_pdu=_S7_PDU), found, message("lay-them-closer-together"))
 
 
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
@@ -350,26 +348,26 @@ def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
             one, two = signals[name], signals[other]
             different_bits = one.type == two.type == "bit" and not one.in_bit_table and one.bit != two.bit
             if registers([one]) & registers([two]) and not different_bits:
-                place = f"{describe(one)}, where {other} is ({describe(two)})"
-                yield UsageError(f"{source}: plc.signals.{name}.address", expected="a place of its own", found=place)
+                place = message("value-beside-other", value=describe(one), other=other, value_2=describe(two))
+                yield UsageError(f"{source}: plc.signals.{name}.address", expected=message("place-its-own"), found=place)
 
 
 def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
     if not plc.handshake.enabled:
         return
     if plc.transport == "lsv2":
-        yield refuse(source, "plc.handshake.enabled", "false: nothing is written over LSV2", True)
+        yield refuse(source, "plc.handshake.enabled", message("false-nothing-written-over"), True)
     wanted = "holding" if plc.transport != "s7" else plc.handshake.table
     if plc.handshake.table != wanted or not _TABLES[plc.transport][0].match(wanted):
         yield refuse(
             source, "plc.handshake.table", _TABLES[plc.transport][1] if plc.transport == "s7" else '"holding"', plc.handshake.table
         )
     if "stop_count" not in plc.signal_names:
-        yield refuse(source, "plc.handshake.enabled", "the signal stop_count, which is what is written back", True)
+        yield refuse(source, "plc.handshake.enabled", message("signal-stop-count-which"), True)
     for name, spec in plc.signals.items():
         written = {(plc.handshake.table, plc.handshake.address + at) for at in range(2 if plc.transport == "s7" else 1)}
         if written & registers([spec]):
-            yield refuse(source, "plc.handshake.address", f"a register that is not read: {name} is there", plc.handshake.address)
+            yield refuse(source, "plc.handshake.address", message("register-not-read-there", name=name), plc.handshake.address)
 
 
 def rtu_poll_s(signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)) -> float:
@@ -385,9 +383,9 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
     wire_s = rtu_poll_s(plc.signals, plc.baud, plc.standing)
     if plc.poll_hz * wire_s > 1:
         limit = int(1 / wire_s)
-        yield refuse(source, "plc.poll_hz", f"at most {limit} at {plc.baud} baud: one poll takes {wire_s * 1e3:.1f} ms", plc.poll_hz)
+        yield refuse(source, "plc.poll_hz", message("at-most-at-baud", limit=limit, baud=plc.baud, value=wire_s * 1000.0), plc.poll_hz)
     if plc.timeout_s < wire_s:
-        yield refuse(source, "plc.timeout_s", f"more than the {wire_s * 1e3:.1f} ms that one poll takes", plc.timeout_s)
+        yield refuse(source, "plc.timeout_s", message("more-than-ms-one", value=wire_s * 1000.0), plc.timeout_s)
 
 
 def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -396,12 +394,12 @@ def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
     needed = survey.stop.settle_s + survey.stop.min_window_s + 2.0 * poll_s
     if survey.plan.dwell_s < needed:
         parts = f"settle {survey.stop.settle_s:g} + window {survey.stop.min_window_s:g} + two polls of {poll_s:.3g}"
-        yield refuse(source, "plan.dwell_s", f"at least {needed:.3g} s ({parts})", survey.plan.dwell_s)
+        yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, parts=parts), survey.plan.dwell_s)
 
 
 def _page(survey: Survey, source: str) -> Iterator[UsageError]:
     ports = (survey.page.enabled, survey.metrics.enabled, survey.page.port == survey.metrics.port)
     if all(ports):
-        yield refuse(source, "metrics.port", "another port than page.port", survey.metrics.port)
+        yield refuse(source, "metrics.port", message("another-port-than-page"), survey.metrics.port)
     if bool(survey.page.certificate) != bool(survey.page.key):
-        yield refuse(source, "page.certificate", "certificate and key, or neither", survey.page.certificate)
+        yield refuse(source, "page.certificate", message("certificate-key-neither"), survey.page.certificate)

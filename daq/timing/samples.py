@@ -12,6 +12,10 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Words
+
+NoticeCode = Literal["banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"]
+
 
 class Flag(IntFlag):
     """What is wrong with a sample; 0 is a good one."""
@@ -30,13 +34,15 @@ class Flag(IntFlag):
 class Notice:
     """A remark of the stream at sample ``index`` of its batch (the sample before which it stands).
 
-    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``, the text for ``debug``.
+    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the condition that an ``environment`` notice
+    gives the value of, ``why`` a message, or what the instrument wrote itself.
     """
 
-    code: Literal["banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"]
+    code: NoticeCode
     index: int
-    text: str
+    why: Words = ""
     value: float | None = None
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.timing.sample_clock import SampleClock
 from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDecoder
 
@@ -38,7 +39,7 @@ UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
 """A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
 
-LINE_LOST, NOT_RECORDED = "the line was lost for a moment", "a part of the recording is missing"
+LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
 """Why nobody watched the laser, in words."""
 
 
@@ -47,7 +48,7 @@ class Break:
     """The count was lost, or may have been because nobody ``watched``: why, and when (arrival)."""
 
     time_ns: int
-    reason: str
+    reason: Words
     watched: bool = True
 
 
@@ -73,7 +74,7 @@ class StreamBuffer:
         self._waiting: list[tuple[bytes, int]] = []
         self._waiting_bytes = 0
         self._batches: deque[tuple[Samples, SampleClock]] = deque()
-        self._notices: dict[str, Notice] = {}
+        self._notices: dict[Words, Notice] = {}
         self._told: dict[str, float] = {}
         self._told_ns: dict[str, int] = {}
         self._kept = 0
@@ -141,7 +142,7 @@ class StreamBuffer:
         notices, self._notices = tuple(self._notices.values()), {}
         return notices
 
-    def interrupted(self, at_ns: int, reason: str = LINE_LOST) -> None:
+    def interrupted(self, at_ns: int, reason: Words = LINE_LOST) -> None:
         """Take note that bytes are missing: the half line before them does not belong to the bytes after them.
 
         However short that was, the laser was unwatched: a beam that is cut meanwhile and comes back leaves no trace, with a counter too.
@@ -223,7 +224,7 @@ class StreamBuffer:
 
     def _take(self, batch: Samples, arrival_ns: int) -> None:
         for notice in batch.notices:
-            self._notices.setdefault(notice.text if notice.code == "device" else notice.code, notice)
+            self._notices.setdefault(notice.why if notice.code == "device" else notice.code, notice)
             self._heed(notice, arrival_ns)
         if len(batch):
             self._remember(batch, arrival_ns)
@@ -237,13 +238,13 @@ class StreamBuffer:
         if notice.code == "rate" and notice.value != self._rate_hz:
             self._clock = self._new_clock(notice.value)
         elif notice.code == "restart":
-            self._breaks.append(Break(arrival_ns, f"the instrument started again ({notice.text})"))
+            self._breaks.append(Break(arrival_ns, message("instrument-restarted", why=notice.why)))
             self._clock = self._new_clock(self._decoder.nominal_rate_hz)
         elif notice.code == "garbage":
             self._garbage += 1
         elif notice.code == "environment" and notice.value is not None:
-            self._told[notice.text] = notice.value
-            self._told_ns[notice.text] = arrival_ns
+            self._told[notice.name] = notice.value
+            self._told_ns[notice.name] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
         """Return the clock of a new segment; batches already in keep the one they were timed by."""
@@ -303,7 +304,8 @@ class StreamBuffer:
             missed_ns[first] = apart_ns[first] - period_ns * np.diff(np.append(first, len(batch)))
         holes = np.flatnonzero(missed_ns > max(UNWATCHED_NS, UNWATCHED_PERIODS * period_ns))
         for at in holes.tolist():
-            self._breaks.append(Break(int(batch.arrival_ns[at]), f"no sample was seen for {missed_ns[at] * 1e-9:.1f} s", watched=False))
+            unseen = message("no-sample-for", seconds_s=missed_ns[at] * 1e-9)
+            self._breaks.append(Break(int(batch.arrival_ns[at]), unseen, watched=False))
         if len(holes) and not counted:
             self._clock = self._new_clock(self._rate_hz)
 
@@ -319,10 +321,13 @@ class StreamBuffer:
         self._broken = bool(bad[-1])
 
 
-def _describe(flags: int) -> str:
-    words = {
-        Flag.BEAM_LOST: "beam lost",
-        Flag.HEAD_ERROR: "laser head error",
-        Flag.SLEW: "moved too fast for the laser",
-    }
-    return ", ".join(text for flag, text in words.items() if flags & flag)
+LOSSES: Mapping[Flag, Message] = {
+    Flag.BEAM_LOST: message("beam-was-lost"),
+    Flag.HEAD_ERROR: message("laser-head-error"),
+    Flag.SLEW: message("moved-too-fast"),
+}
+
+
+def _describe(flags: int) -> Message:
+    causes = [cause for flag, cause in LOSSES.items() if flags & flag]
+    return causes[0] if len(causes) == 1 else message("losses", causes=causes)

@@ -188,7 +188,7 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
     """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be turned for one axis alone."""
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
-        raise UsageError(f"{profile.source}: beckhoff.negate", expected=message("negate"), found=options.negate)
+        raise UsageError(f"{profile.source}: beckhoff.negate", expected=message("negate-of-axes"), found=options.negate)
     return {letter: _volcomp_law(letter, options) for letter in "XYZ"}
 
 
@@ -222,7 +222,7 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
                 f"{profile.source}: machine.functions",
                 code="control-full.cross-table",
                 expected=message("cross-one", axis=curve.output_axis),
-                found=f"E{curve.output_axis}{other} and {curve.name}",
+                found=message("table-and-other", output_axis=curve.output_axis, other=other, name=curve.name),
                 remedy=message("leave-one"),
             )
         yield from _cross(curve, profile, options, place)

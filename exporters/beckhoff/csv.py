@@ -138,7 +138,7 @@ def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]
     values = dict(zip(head, _numbers(cells, len(head), at), strict=True))
     foreign = [name for name, value in values.items() if value and name not in SHIFTS]
     if foreign:
-        raise DataError(where, expected="C0Y, B0Z and A0Z", found=", ".join(foreign), remedy=message("fold-three"))
+        raise DataError(where, expected=message("c0y-b0z-a0z"), found=", ".join(foreign), remedy=message("fold-three"))
     return {name: value for name, value in values.items() if value}
 
 
@@ -166,7 +166,7 @@ def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, h
     (where, head), rows = block[0], block[1:]
     for column, name in enumerate(head[1:], start=1):
         if name[2] != head[0]:
-            raise DataError(where, expected=message("components", axis=head[0]), found=name)
+            raise DataError(where, expected=message("components-of-axis", axis=head[0]), found=name)
         places = max(len(cells[column].partition(".")[2]) for _, cells in rows)
         if _ANGLE.match(name):
             yield from _angle(
@@ -215,7 +215,7 @@ def _blocks(file: ControlFile) -> list[Rows]:
         else:
             blocks[-1].append((where, cells))
     if any(not block for block in blocks):
-        raise DataError(file.name, expected=message("heading-rows"), found=message("empty-block"), remedy=message("truncated"))
+        raise DataError(file.name, expected=message("heading-rows"), found=message("empty-block"), remedy=message("file-truncated"))
     return blocks
 
 

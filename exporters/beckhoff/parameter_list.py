@@ -40,7 +40,7 @@ def read(file: ControlFile, profile: Profile, numbers: Mapping[str, int], senses
     letters = {str(number): letter for letter, number in numbers.items()}
     where, axis = values.get("kopf.achs_nr", (file.name, "nothing"))
     if axis not in letters:
-        raise DataError(where, expected=message("logical"), found=axis)
+        raise DataError(where, expected=message("logical-axis-number"), found=axis)
     tables: list[Table] = []
     if any(key.startswith("kw.ssfk.") for key in values):
         tables += _ssfk(file, values, letters[axis], profile, senses)
@@ -97,7 +97,7 @@ def _ssfk(file: ControlFile, values: Values, letter: str, profile: Profile, sens
     count = _count(file, values, "kw.ssfk.kw_nr_max")
     _metric(file, values, "kw.ssfk")
     if _whole(file, values, "kw.ssfk.modulo", 0) != 0:
-        raise DataError(values["kw.ssfk.modulo"][0], expected=message("linear-axis"), found=message("modulo"))
+        raise DataError(values["kw.ssfk.modulo"][0], expected=message("linear-axis"), found=message("modulo-axis"))
     interval = _whole(file, values, "kw.ssfk.interval")
     if interval:
         position = (_whole(file, values, "kw.ssfk.kw_startpos") + interval * np.arange(count)) / _UNITS_PER_MM
@@ -150,7 +150,7 @@ def _table(
 
 def _metric(file: ControlFile, values: Values, group: str) -> None:
     if _whole(file, values, f"{group}.unit") != 1:
-        raise DataError(values[f"{group}.unit"][0], expected=message("unit-1-0-1"), found=message("encoder"))
+        raise DataError(values[f"{group}.unit"][0], expected=message("unit-of-tenths"), found=message("encoder-increments"))
 
 
 def _whole(file: ControlFile, values: Values, key: str, default: int | None = None) -> int:

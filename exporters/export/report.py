@@ -48,7 +48,7 @@ def _state(case: Case) -> str:
 def _findings(findings: Sequence[Finding]) -> Iterator[str]:
     yield "REMARKS"
     for severity in ("error", "warning", "info"):
-        yield from (f"  {severity:<8} {item.code}: {item.text}" for item in findings if item.severity == severity)
+        yield from (f"  {severity:<8} {item.code}: {item.words}" for item in findings if item.severity == severity)
 
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:

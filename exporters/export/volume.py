@@ -39,7 +39,7 @@ def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> 
     file, remarks = lattice.render(held), tuple(_beside(result, held))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {steps} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
-    text += "".join(f"{item.code}: {item.text}\n" for item in remarks)
+    text += "".join(f"{item.code}: {item.words}\n" for item in remarks)
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=remarks, tables=(), prediction=None, text=text)
@@ -163,7 +163,7 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
         *(f"axis {letter}: {profile.grid_words(letter)}" for letter in profile.axes),
         "",
         "REMARKS",
-        *(f"  {item.severity:<8} {item.code}: {item.text}" for item in findings),
+        *(f"  {item.severity:<8} {item.code}: {item.words}" for item in findings),
         *([f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"] if unknown else []),
         "",
         "PREDICTED VOLUMETRIC ERROR without rigid motion, in um (k = 2)",

@@ -102,7 +102,7 @@ class Fanuc:
                 f"{profile.source}: machine.existing",
                 code="template-missing",
                 expected=message("own-pitch"),
-                found=", ".join(file.name for file in profile.existing) or message("no-file"),
+                found=", ".join(file.name for file in profile.existing) or message("no-table-file"),
                 remedy=message("punch-pitch-data-out"),
             )
         _refuse_lacking(parameters, masters, profile)
@@ -124,7 +124,7 @@ class Fanuc:
         options = profile.options_as(FanucOptions)
         punched = [read_punch(file) for file in files]
         if not any(master.pitch for master in punched):
-            where = ", ".join(file.name for file in files) or message("no-file")
+            where = ", ".join(file.name for file in files) or message("no-table-file")
             raise DataError(where, expected=message("pitch-data", number=FIRST_PITCH_LINE), found=message("none"))
         return read_tables(punched, profile, options)
 

@@ -49,7 +49,7 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
             code="reference-unfit.between",
             expected=message("on-grid", first=grid_mm[0], last_mm=grid_mm[-1], step=step),
             found=f"{reference_mm:g} mm",
-            remedy=message("shift"),
+            remedy=message("shift-to-reference"),
         )
     start = axis.reference_point - round(below)
     if start < 0:
@@ -112,7 +112,7 @@ def _units(
     raise SafetyError(
         f"{source}: fanuc",
         code="field-too-narrow.step",
-        expected=message("increments", most=options.increment_limit),
-        found=message("magnification", value=largest, factor=tried[-1]),
+        expected=message("increments-at-most", most=options.increment_limit),
+        found=message("value-at-magnification", value=largest, factor=tried[-1]),
         remedy=message("larger-mag"),
     )

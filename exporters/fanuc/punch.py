@@ -83,7 +83,7 @@ def read_punch(file: ControlFile) -> PunchFile:
     if EOB not in data or re.search(rb"[\r\n]", data.replace(EOB, b"")):
         raise DataError(
             file.name,
-            expected=message("lfcrcr"),
+            expected=message("line-ends-of-blocks"),
             found=message("line-ends"),
             remedy=message("copy-file-from-memory"),
         )
@@ -101,14 +101,14 @@ def _refuse_foreign(name: str, blocks: tuple[Block, ...]) -> None:
     if len(marks) != 2 or not filled or marks != [filled[0], filled[-1]]:
         raise DataError(
             name,
-            expected=message("percent"),
+            expected=message("percent-at-ends-alone"),
             found=message("percent-lines", count=len(marks)),
             remedy=message("percent-ends"),
         )
     for block in blocks:
         bad = _FORBIDDEN.search(block.text)
         if bad or not block.text.isascii():
-            raise DataError(block.where, expected=message("capitals"), found=excerpt(repr(block.text)))
+            raise DataError(block.where, expected=message("capital-letters"), found=excerpt(repr(block.text)))
 
 
 def _pitch_value(block: Block) -> re.Match[bytes] | None:

@@ -101,7 +101,11 @@ class _Reader:
             return points.lowest, points.highest
         lowest, highest = self._number(3621, axis.number, None), self._number(3622, axis.number, None)
         if not 0 <= lowest <= highest <= LAST_POINT:
-            raise DataError(self._names, expected=message("ascending", letter=letter, last=LAST_POINT), found=f"{lowest} and {highest}")
+            raise DataError(
+                self._names,
+                expected=message("points-ascending", letter=letter, last=LAST_POINT),
+                found=message("lowest-and-highest", lowest=lowest, highest=highest),
+            )
         return lowest, highest
 
     def _interval_mm(self, letter: str, axis: AxisPoints) -> float:
@@ -111,7 +115,7 @@ class _Reader:
         # Old controls write lengths as integers in least input units, new ones with a decimal point in mm (controllers.md 2.6).
         value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
         if value < 0:
-            raise DataError(f"parameter 3624 A{axis.number}", expected=message("interval"), found=text)
+            raise DataError(f"parameter 3624 A{axis.number}", expected=message("interval-not-negative"), found=text)
         return value if "." in text else value * self._options.least_input_um / 1000.0
 
     def _pitch_table(self, letter: str, position: Vector, first: int, direction: int, offset_um: float) -> Table:

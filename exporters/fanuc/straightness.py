@@ -51,7 +51,7 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
         raise SafetyError(
             f"{source}: fanuc.straightness_option",
             code="template-missing.parameters",
-            expected=message("57"),
+            expected=message("punched-straightness-parameters"),
             found=message("none-of-sets"),
             remedy=message("punch-parameters-out-system"),
         )

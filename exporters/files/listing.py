@@ -28,7 +28,7 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         text = file.data.decode("ascii")
     except UnicodeDecodeError as error:
         raise DataError(
-            file.name, expected=message("ascii"), found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start)
+            file.name, expected=message("ascii-text"), found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start)
         ) from error
     lines = text.splitlines()
     if len(lines) > MOST_LINES + 1:
@@ -55,7 +55,7 @@ def finite(text: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:
-        raise DataError(where, expected=message("number"), found=shown(text))
+        raise DataError(where, expected=message("a-number"), found=shown(text))
     return value
 
 
@@ -64,7 +64,7 @@ def whole(text: str, where: str) -> int:
     try:
         value = int(text)
     except ValueError as error:
-        raise DataError(where, expected=message("whole"), found=shown(text)) from error
+        raise DataError(where, expected=message("whole-number"), found=shown(text)) from error
     if abs(value) > LARGEST:
         raise DataError(where, expected=message("whole-held"), found=shown(text))
     return value

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
@@ -58,10 +58,10 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     missing = [name for name in wanted if name not in present]
     if missing:
-        raise _refusal(folder, "set-altered.missing", "every file that SHA256SUMS names", "no " + ", ".join(missing))
+        raise _refusal(folder, "set-altered.missing", message("every-file-sha256sums-names"), "no " + ", ".join(missing))
     foreign = [name for name in present if name not in wanted and name != SUMS]
     if foreign:
-        raise _refusal(folder, "set-altered.foreign", "the files that SHA256SUMS names and no others", ", ".join(foreign))
+        raise _refusal(folder, "set-altered.foreign", message("files-sha256sums-names-no"), ", ".join(foreign))
     files = tuple(ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS])
     _refuse_altered(folder, wanted, files)
     return files
@@ -115,22 +115,22 @@ def _listed(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         expected = message("set-folder", name=SUMS)
-        raise DataError(str(folder), expected=expected, found=message("no-such", name=SUMS), remedy=message("one-by-one"))
+        raise DataError(str(folder), expected=expected, found=message("no-such-file", name=SUMS), remedy=message("one-by-one"))
     lines = as_text(read_bytes(path, largest=LARGEST_SETTINGS_BYTES), str(path)).splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     wanted = {match["name"]: match["digest"] for match in matches if match is not None}
     if not wanted or len(wanted) != len(lines):
-        raise _refusal(folder, "set-altered", f"a {SUMS} as an export writes it", "another text")
+        raise _refusal(folder, "set-altered", message("export-writes", sums=SUMS), message("another-text"))
     return wanted
 
 
 def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:
     altered = [file.name for file in files if file.name in wanted and hashlib.sha256(file.data).hexdigest() != wanted[file.name]]
     if altered:
-        raise _refusal(folder, "set-altered", "the bytes that the export wrote", f"others in {', '.join(altered)}")
+        raise _refusal(folder, "set-altered", message("bytes-export-wrote"), message("others-in-files", names=list(altered)))
 
 
-def _refusal(folder: Path, code: str, expected: str, found: str) -> SafetyError:
+def _refusal(folder: Path, code: str, expected: Words, found: Words) -> SafetyError:
     remedy = message("export-again")
     return SafetyError(str(folder), code=code, expected=expected, found=found, remedy=remedy)
 
@@ -139,7 +139,9 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
     names = [file.name.lower() for file in files]
     doubled = [file.name for file in files if names.count(file.name.lower()) > 1]
     if doubled:
-        raise UsageError(str(folder / doubled[0]), expected=message("each-name"), found=message("two"), remedy=message("rename"))
+        raise UsageError(
+            str(folder / doubled[0]), expected=message("each-name"), found=message("two-of-them"), remedy=message("rename-files")
+        )
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:

@@ -177,7 +177,7 @@ def _positions(
         distance = finite(begin["distance"], f"{name}: DISTANCE")
         position = finite(begin["datum"], f"{name}: DATUM") + distance * np.arange(len(rows))
     else:
-        raise DataError(f"{name}: line 1", expected=message("datum"), found=begin.group())
+        raise DataError(f"{name}: line 1", expected=message("datum-or-column"), found=begin.group())
     if len(position) < 2 or np.any(np.diff(position) <= 0.0):
         raise DataError(name, expected=message("two-rising"), found=message("count-rows", count=len(position)))
     return position
@@ -193,7 +193,7 @@ def _read(file: ControlFile, *, free_cells: bool = False) -> tuple[re.Match[str]
     if begin is None or begin["unit"] == "INCH":
         raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else message("nothing"))
     if len(lines) < 3 or lines[-1][1].strip() != _END:
-        raise DataError(file.name, expected=message("heading-end", end=_END), found=message("no-eof"), remedy=message("truncated"))
+        raise DataError(file.name, expected=message("heading-end", end=_END), found=message("no-eof"), remedy=message("file-truncated"))
     starts = [(match.group(), match.start()) for match in re.finditer(r"\S+", lines[1][1])]
     rows = []
     for number, (at, line) in enumerate(lines[2:-1]):
@@ -226,7 +226,7 @@ def _row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
         if row and len(row) >= start:
             raise SafetyError(
                 f"{name}: {column}", code="field-too-narrow.column", expected=message("wide-columns"), found=repr(row.rstrip()),
-                remedy=message("widen"),
+                remedy=message("widen-columns"),
             )  # fmt: skip
         row = row.ljust(start) + cells.get(column, empty)
     return row.rstrip()

@@ -214,8 +214,8 @@ def _levers(profile: Profile) -> Vector | None:
         return None
     if options.generation != "itnc530":
         raise UsageError(
-            f"{profile.source}: heidenhain.chain", expected=message("itnc"), found=f'"{options.generation}"',
-            remedy=message("kinematicscomp"),
+            f"{profile.source}: heidenhain.chain", expected=message("nothing-or-itnc530"), found=f'"{options.generation}"',
+            remedy=message("kinematicscomp-not-public"),
         )  # fmt: skip
     return levers_of(options.chain, own=False)
 

@@ -91,8 +91,8 @@ class LinuxCnc:
         (code ``profile-incomplete.backlash``) where the profile does not say what BACKLASH a COMP_FILE would switch off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
-            remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
-            raise UsageError(f"{profile.source}: linuxcnc.way", expected=message("screw"), found='"kinematics"', remedy=remedy)
+            remedy = message("sense-component-stands-its")
+            raise UsageError(f"{profile.source}: linuxcnc.way", expected=message("screw-for-tables"), found='"kinematics"', remedy=remedy)
         active, matrix = self._active(profile), profile.options_as(LinuxCncOptions).matrixkins
         quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
         tables: list[Table] = []
@@ -217,8 +217,8 @@ def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple
             f"{profile.source}: axes.{letter}.backlash_um",
             code="profile-incomplete.backlash",
             expected=message("joint-backlash", letter=letter),
-            found="nothing",
-            remedy="state it as it was while measuring; half of it goes into each column",
+            found=message("nothing"),
+            remedy=message("state-was-while-measuring"),
         )
     half = (backlash_um or 0.0) / 2.0
     return -half, half
@@ -291,10 +291,10 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
     if letter is None:
         raise DataError(file.name, expected=message("screw-name"), found=file.name)
     if not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected=message("line-end"), found="none", remedy=message("maybe-cut"))
+        raise DataError(file.name, expected=message("line-end"), found=message("none"), remedy=message("maybe-cut"))
     rows = np.array(list(_rows(file)))
     if not 2 <= len(rows) <= MOST_ROWS:
-        raise DataError(file.name, expected=f"2 to {MOST_ROWS} rows", found=str(len(rows)))
+        raise DataError(file.name, expected=message("2-rows", most_rows=MOST_ROWS), found=str(len(rows)))
     unit = unit_mm(profile)
     nominal, forward, reverse = rows.T * unit
     columns = ((0, forward),) if np.array_equal(forward, reverse) else ((1, forward), (-1, reverse))
@@ -321,7 +321,7 @@ def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
     for where, line in read_lines(file):
         row = _three_numbers(line)
         if row is None:
-            raise DataError(where, expected="three numbers", found=repr(line), remedy=message("stops-reading"))
+            raise DataError(where, expected=message("three-numbers"), found=repr(line), remedy=message("stops-reading"))
         if row[0] <= last:
             raise DataError(where, expected=message("nominal-above", place=last), found=f"{row[0]:g}")
         last = row[0]
@@ -345,7 +345,7 @@ def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
             continue
         match = _SETP.match(line)
         if match is None:
-            raise DataError(where, expected=message("setp"), found=repr(line))
+            raise DataError(where, expected=message("setp-of-matrixkins"), found=repr(line))
         gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
         column = match["column"].upper()
         tables.append(_coefficient_table(match["row"].upper(), column, gain, _travel_mm(column, profile)))

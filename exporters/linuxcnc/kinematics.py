@@ -41,7 +41,7 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: axes",
             code="control-full.points",
-            expected=message("vertices", count=MOST_VERTICES),
+            expected=message("vertices-at-most", count=MOST_VERTICES),
             found=str(vertices),
             remedy=message("larger-steps"),
         )

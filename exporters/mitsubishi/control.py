@@ -182,7 +182,7 @@ def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile
                     f"{profile.source}: mitsubishi.first_data",
                     code="points-overlap.restore",
                     expected=message("free-numbers"),
-                    found=message("over", one=table.label, other=other.label),
+                    found=message("one-in-place-of", one=table.label, other=other.label),
                     remedy=f"first_data = {1 + max(_data_numbers(each)[-1] for each in own)}",
                 )
 
@@ -202,7 +202,7 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
         name,
         code="field-too-narrow.value",
         expected=message("data-scale", least=_LEAST, most=_MOST, scale=_MOST_SCALE),
-        found=message("reaches", um=np.max(np.abs(absolute_um))),
+        found=message("curve-that-reaches", um=np.max(np.abs(absolute_um))),
         remedy=message("smaller-step"),
     )
 
@@ -267,7 +267,7 @@ def _values(file: ControlFile) -> dict[int, _Value]:
             raise DataError(where, expected=message("number-value"), found=repr(line))
         values[whole(words[0][1:], where)] = _Value(words[1], where)
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected=message("4000"), found=message("nothing-like"))
+        raise DataError(file.name, expected=message("head-of-data-list"), found=message("nothing-like"))
     return values
 
 
@@ -291,7 +291,11 @@ def _read_pair(source: str, values: dict[int, _Value], base: int, pair: int, pro
     step = finite(*interval)
     if not (_FIRST_DATA <= first <= origin <= last <= _LAST_DATA and first < last and step > 0 and 0 < scale <= _MOST_SCALE):
         expected = message("mitsubishi-order", first=_FIRST_DATA, last=_LAST_DATA, scale=_MOST_SCALE)
-        raise DataError(values[base + 3].where, expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
+        raise DataError(
+            values[base + 3].where,
+            expected=expected,
+            found=message("scale-interval", first=first, origin=origin, last=last, scale=scale, step=step),
+        )
     absent = [number for number in range(first, last + 1) if number not in values]
     if absent:
         raise DataError(

@@ -97,9 +97,9 @@ class Neutral:
 def _tables(file: ControlFile, profile: Profile) -> list[Table]:
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     if lines[-1][1] != "end,,,":
-        raise DataError(file.name, expected=message("last-row-end"), found=lines[-1][1], remedy=message("truncated"))
+        raise DataError(file.name, expected=message("last-row-end"), found=lines[-1][1], remedy=message("file-truncated"))
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for where, line in lines[1:-1]:
         name, direction, at, value = _row(where, line)
@@ -113,7 +113,7 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
 def _row(where: str, line: str) -> tuple[str, int, float, float]:
     cells = line.split(",")
     if len(cells) != 4 or cells[0] not in FUNCTIONS or cells[1] not in ("0", "1", "-1"):
-        raise DataError(where, expected="function (EXX .. EZZ), direction (0, 1, -1), position, error", found=repr(line))
+        raise DataError(where, expected=message("function-exx-ezz-direction"), found=repr(line))
     return cells[0], int(cells[1]), finite(cells[2], where), finite(cells[3], where)
 
 

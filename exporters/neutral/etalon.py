@@ -156,7 +156,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
         else:
             raise DataError(where, expected=message("block-etalon-exchange-format"), found=excerpt(line))
     if rows is not None or not functions:
-        raise DataError(file.name, expected=message("whole-blocks"), found=message("no-end"), remedy=message("truncated"))
+        raise DataError(file.name, expected=message("whole-blocks"), found=message("no-end"), remedy=message("file-truncated"))
     return values, functions
 
 

@@ -134,7 +134,7 @@ def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Control
                 f"{source}: sign_test[{index}].kind",
                 expected=expected,
                 found=f'"{record.kind}"',
-                remedy=message("signtest"),
+                remedy=message("signtest-prints-record"),
             )
 
 

@@ -77,7 +77,7 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
                 raise SafetyError(
                     f"plan.setups: {setup}, {axis.upper()}",
                     code="beyond-travel.program",
-                    expected=message("positions-from-to-mm-2", least_mm=least, most_mm=most),
+                    expected=message("positions-within-travel", least_mm=least, most_mm=most),
                     found=message("to-mm-overrun-included", low_mm=low[index], high_mm=high[index]),
                     remedy=message("smaller-plan-overrun-mm"),
                 )

@@ -62,7 +62,7 @@ def read_sign_run(file: ControlFile) -> SignRun:
     """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line where it is damaged."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 3)
     position, off, on = rows[np.argsort(rows[:, 0])].T
     return SignRun(position, off, on)

@@ -96,5 +96,5 @@ def _times(item: Assignment | None) -> dict[str, int]:
 def _direction(item: Assignment | None) -> int:
     direction = 0 if item is None else int(item.number())
     if item is not None and direction not in (-1, 0, 1):
-        raise DataError(item.where, expected="0, 1 or -1", found=item.value)
+        raise DataError(item.where, expected=message("direction-number"), found=item.value)
     return direction

@@ -53,7 +53,7 @@ def _table(key: tuple[str, str], points: dict[int, Assignment], head: dict[str, 
         raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
     step, start, end, modulo = (head[name].number() for name in _HEAD)
     if modulo:
-        raise DataError(head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary"))
+        raise DataError(head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary-axis"))
     letter = profile.letter_of(axis, head[_HEAD[0]].where)
     held = read_points(points, step, start, end, where)
     return Table(

@@ -76,13 +76,13 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
         elif _SWITCH.match(line):
             continue
         elif line == "INCH":
-            raise DataError(where, expected=message("metric"), found="INCH", remedy=message("metric-back"))
+            raise DataError(where, expected=message("metric-file"), found="INCH", remedy=message("metric-back"))
         elif _END.match(line):
             ended = True
         elif not program and not _FRAME.match(line):
-            raise DataError(where, expected=message("assignment"), found=line)
+            raise DataError(where, expected=message("sinumerik-assignment"), found=line)
     if not ended:
-        raise DataError(file.name, expected=message("m17"), found=message("no-eof"), remedy=message("truncated"))
+        raise DataError(file.name, expected=message("ends-with-m17"), found=message("no-eof"), remedy=message("file-truncated"))
     return found
 
 

@@ -54,7 +54,11 @@ class Old:
             weighs = float(stated) if stated is not None else self._stated(table, self.weight, "old_weight", message("its-weight"))
         if self.profile.machine.measured_with == "on" and active and weighs != 1.0:
             expected = message("weight-1-tables-acted")
-            raise UsageError(f"{self.profile.source}: siemens.old_weight", expected=expected, found=f"{weighs:g} of {table.label}")
+            raise UsageError(
+                f"{self.profile.source}: siemens.old_weight",
+                expected=expected,
+                found=message("weight-of-table", weighs=weighs, label=table.label),
+            )
         return Load(table=table, lines=lines, active=bool(active), weight=weighs)
 
     def _stated(self, table: Table, value: float | None, key: str, what: Message) -> float:

@@ -127,7 +127,7 @@ class AxisList:
         if len(tables) > 1 and forward.value_um.any() and not reverse.any():
             raise SafetyError(
                 file, code="direction-unfit.column", expected=message("reverse-not-zero"),
-                found=message("zeros"), remedy=message("export-mean"),
+                found=message("zeros-read-as-none"), remedy=message("export-mean"),
             )  # fmt: skip
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)
         written = (";".join(fixed(number, self.decimals) for number in row) for row in rows)
@@ -144,7 +144,7 @@ class AxisList:
         letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
         rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
         if any(len(row) != 3 for row in rows) or any(later[0] <= row[0] for row, later in pairwise(rows)):
-            raise DataError(file.name, expected=message("rows-three"), found=message("others"))
+            raise DataError(file.name, expected=message("rows-three"), found=message("other-ones"))
         position, forward, reverse = np.array(rows).T
         for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):
             yield Table(

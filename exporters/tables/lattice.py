@@ -112,7 +112,7 @@ def parse(file: ControlFile) -> Lattice:
     """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for a lattice with holes."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
+        raise DataError(file.name, expected=message("header-of-words", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 6)
     axes = tuple(np.unique(rows[:, index]) for index in range(3))
     shape = tuple(len(axis) for axis in axes)

@@ -170,9 +170,9 @@ class Profile:
             raise SafetyError(
                 f"{self.source}: axes.{letter}.step_mm",
                 code="grid-unfit.step",
-                expected=message("divides", size_mm=axis.end_mm - axis.start_mm),
-                found=message("sections", step_mm=axis.step_mm, count=sections),
-                remedy=message("fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),
+                expected=message("step-that-divides", size_mm=axis.end_mm - axis.start_mm),
+                found=message("step-in-sections", step_mm=axis.step_mm, count=sections),
+                remedy=message("nearest-that-fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),
             )
         grid: Vector = axis.start_mm + axis.step_mm * np.arange(count + 1, dtype=np.float64)
         return grid

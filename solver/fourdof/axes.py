@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um
@@ -33,10 +34,10 @@ class Mount:
     def __post_init__(self) -> None:
         """Refuse directions that are not three different axes with the beam along the one that moves."""
         if self.beam[1] != self.axis:
-            raise UsageError("head: beam", expected=f"+{self.axis} or -{self.axis} for a run along {self.axis}", found=self.beam)
+            raise UsageError("head: beam", expected=message("for-run-along", axis=self.axis), found=self.beam)
         if {self.beam[1], self.detector_x[1], self.detector_y[1]} != set(AXES):
             found = f"{self.beam}, {self.detector_x}, {self.detector_y}"
-            raise UsageError("head: beam, detector_x, detector_y", expected="three different axes", found=found)
+            raise UsageError("head: beam, detector_x, detector_y", expected=message("three-different-axes"), found=found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -104,9 +104,9 @@ def _regression(x: Vector, y: Vector, third: Vector, travel_mm: float, name: str
     if correlation < MIN_CORRELATION:
         raise DataError(
             f"signs: {name} at travel {travel_mm:g} mm",
-            expected=f"a correlation with PSD1 of at least {MIN_CORRELATION:g} over 3 samples or more",
-            found=f"{correlation:.2f} over {len(x)}",
-            remedy="wobble the laser's pointing harder while the target stands",
+            expected=message("correlation-with-psd1-at", min_correlation=MIN_CORRELATION),
+            found=message("correlation-over-samples", correlation=correlation, x=len(x)),
+            remedy=message("wobble-laser-s-pointing"),
         )
     slope = float(third @ y) / power
     residual = y - slope * x
@@ -115,7 +115,9 @@ def _regression(x: Vector, y: Vector, third: Vector, travel_mm: float, name: str
 
 def _common_sign(slopes: Vector, name: str) -> Literal[1, -1]:
     if (np.sign(slopes) != np.sign(slopes[0])).any():
-        raise DataError(f"signs: {name}", expected="one sign at every distance", found="both signs", remedy="repeat the wobble")
+        raise DataError(
+            f"signs: {name}", expected=message("one-sign-at-every"), found=message("both-signs"), remedy=message("repeat-wobble")
+        )
     return 1 if slopes[0] > 0 else -1
 
 
@@ -185,8 +187,8 @@ def fit_curve(
     variable = curve_variable(kind, readings)
     freedom = len(readings) - degree - 1
     if freedom < 2 or not np.isfinite(variable).all() or not np.isfinite(shifts).all():
-        expected = f"at least {degree + 3} rows with readings inside the detector's range"
-        raise DataError("calibration", expected=expected, found=f"{int(np.isfinite(variable).sum())} such rows")
+        expected = message("at-least-rows-with", value=degree + 3)
+        raise DataError("calibration", expected=expected, found=message("such-rows", value=int(np.isfinite(variable).sum())))
     design = np.vander(variable, degree + 1, increasing=True)
     # powers up to the fifth of a number below one: scale the columns or the normal equations lose half their digits
     column = np.linalg.norm(design, axis=0)
@@ -213,7 +215,7 @@ def _require_monotonic(curve: Curve) -> None:
     if not ((steps > 0).all() or (steps < 0).all()):
         raise DataError(
             "calibration",
-            expected="a shift that grows with the reading all the way",
-            found="a curve that turns back",
-            remedy="use a lower degree or a shorter range",
+            expected=message("shift-grows-with-reading"),
+            found=message("curve-turns-back"),
+            remedy=message("use-lower-degree-shorter"),
         )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um
 
 Vector = NDArray[np.float64]
@@ -32,7 +33,11 @@ class Stability:
 def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
     """Return the stability figures of two equally spaced series (N,) of one quantity."""
     if len(raw) != len(compensated) or len(raw) < 3:
-        raise DataError("stability", expected="two series of 3 samples or more", found=f"{len(raw)} and {len(compensated)}")
+        raise DataError(
+            "stability",
+            expected=message("two-series-3-samples"),
+            found=message("raw-and-compensated", raw=len(raw), compensated=len(compensated)),
+        )
     before, after = float(np.ptp(raw)), float(np.ptp(compensated))
     tau_s, raw_allan = allan_deviation(raw, interval_s)
     return Stability(
@@ -88,7 +93,7 @@ def compare(
     covered = (position >= low) & (position <= high)
     count = len(np.unique(position[covered])) if len(known) else 0
     if count < 2:
-        raise DataError("comparison", expected=f"two positions or more within {low:g} to {high:g} mm", found=str(count))
+        raise DataError("comparison", expected=message("two-positions-more-within", low=low, high=high), found=str(count))
     position, ours = position[covered], ours[covered]
     theirs = np.interp(position, known, np.asarray(reference, dtype=np.float64)[order])
     if line is None:

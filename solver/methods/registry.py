@@ -44,7 +44,7 @@ def _estimate(layout: Layout, options: Options) -> Result:
 def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method:
     def method(layout: Layout, options: Options) -> Result:
         if options.angles or options.straightness or options.trials:
-            expected = message("estimate")
+            expected = message("use-estimate-with-angles")
             raise UsageError("method", expected=expected, found=repr(name), remedy=message("leave-out"))
         return solve(layout, options.chain)
 

@@ -58,7 +58,7 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
 def _row(source: str, number: int, fields: dict[str, str]) -> _Row:
     axis = fields["axis"].lower()
     if axis not in AXES:
-        raise DataError(f"{source}: line {number}: axis", expected="x, y or z", found=repr(fields["axis"]))
+        raise DataError(f"{source}: line {number}: axis", expected=message("x-y-z"), found=repr(fields["axis"]))
     where = f"{source}: line {number}"
     a, b, c = (number_in(fields, name, where, optional=True) for name in ROTATION_COLUMNS)
     return _Row(axis, number_in(fields, "position_mm", where), (a, b, c), number_in(fields, "u_urad", where, optional=True, least=0.0))
@@ -70,7 +70,9 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
         raise DataError(where, expected=message("two-positions"), found="one", remedy=message("leave-empty"))
     if np.any(np.diff(position) <= 0):
         at = position[int(np.argmin(np.diff(position)))]
-        raise DataError(where, expected=message("position-once"), found=message("twice-mm", place_mm=at), remedy=message("average"))
+        raise DataError(
+            where, expected=message("position-once"), found=message("twice-mm", place_mm=at), remedy=message("average-repeated-runs")
+        )
     return KnownAngle(
         position_mm=position,
         value_urad=np.array([row.urad[component] for row in rows]),

@@ -116,7 +116,7 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     """
     passes = readings.passes()
     if not passes:
-        raise DataError(source, expected=message("readings"), found=message("none"))
+        raise DataError(source, expected=message("some-readings"), found=message("none"))
     setups = {name: setup_of(name) for name in dict.fromkeys(key.setup for key in passes)}
     if len(setups) > MOST_SETUPS:
         raise DataError(source, expected=message("setups-most", count=MOST_SETUPS), found=str(len(setups)))
@@ -195,7 +195,7 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
             f"{source}: setup {setup.name}",
             expected=message("as-others", axis="XYZ"[axis], low=low[axis], high_mm=high[axis]),
             found=message("mm-to", low=points[:, axis].min(), high_mm=points[:, axis].max()),
-            remedy="all diagonals of a survey span one box; a stop may be missing",
+            remedy=message("all-diagonals-survey-span"),
         )
 
 

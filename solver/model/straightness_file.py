@@ -46,7 +46,7 @@ def _functions(columns: list[str], source: str) -> list[str]:
     alone = [name for name in names if f"u_{name}_um" not in columns]
     if alone:
         remedy = message("state-u")
-        raise DataError(f"{source}: header", expected=f"a column u_{alone[0]}_um", found=message("none"), remedy=remedy)
+        raise DataError(f"{source}: header", expected=message("column-u-um", alone=alone[0]), found=message("none"), remedy=remedy)
     return names
 
 
@@ -61,7 +61,7 @@ def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, flo
     if u == 0.0:
         raise DataError(f"{where}: u_{name}_um", expected=message("u-above"), found="0")
     if not math.isnan(approach) and approach not in (-1.0, 0.0, 1.0):
-        raise DataError(f"{where}: approach", expected="1, -1 or 0", found=f"{approach:g}")
+        raise DataError(f"{where}: approach", expected=message("sign-or-zero"), found=f"{approach:g}")
     return (0 if math.isnan(approach) else int(approach), position, value, u)
 
 
@@ -71,7 +71,9 @@ def _function(name: str, approach: int, rows: Sequence[tuple[float, float, float
     position, value, u = (np.array(column) for column in zip(*rows, strict=True))
     if np.any(np.diff(position) == 0):
         at = position[int(np.argmin(np.diff(position)))]
-        raise DataError(where, expected=message("position-once-way"), found=message("twice-mm", place_mm=at), remedy=message("average"))
+        raise DataError(
+            where, expected=message("position-once-way"), found=message("twice-mm", place_mm=at), remedy=message("average-repeated-runs")
+        )
     return MeasuredStraightness(name=name, position_mm=position, value_um=value, u_um=u, approach=approach)
 
 

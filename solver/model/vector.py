@@ -89,7 +89,7 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
         lost = int(layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1])
         found = message("count-lost", stop=lost)
         where = f"{layout.source}: {layout.passes[index]}"
-        raise DataError(where, expected=message("unbroken"), found=found, remedy=message("estimate-or"))
+        raise DataError(where, expected=message("unbroken-count"), found=found, remedy=message("estimate-or"))
     lower, fraction = between_nodes(layout.volume, layout.position_mm[rows])
     node = lower + np.round(fraction).astype(np.int64)
     step = np.diff(node, axis=0)

@@ -59,4 +59,4 @@ def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
 
 def expansions(assumed: Assumptions) -> list[Message]:
     """Return the different expansions of the axes in um/m/C for a person."""
-    return [message("figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)]
+    return [message("plain-figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)]

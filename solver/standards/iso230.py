@@ -53,9 +53,13 @@ class PositioningRuns:
         """Refuse tables that are not complete."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
             if table is not None and (table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1):
-                raise DataError(name, expected=f"{len(self.target_mm)} targets by runs", found=message("shape", name=str(table.shape)))
+                raise DataError(
+                    name,
+                    expected=message("targets-by-runs", target_mm=len(self.target_mm)),
+                    found=message("shape-of-array", name=str(table.shape)),
+                )
             if table is not None and not np.isfinite(table).all():
-                raise DataError(name, expected="a deviation for every target and run", found="a missing one")
+                raise DataError(name, expected=message("deviation-for-every-target"), found=message("missing-one"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +170,7 @@ def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
     """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Refused without both directions and two runs of each."""
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
-        raise DataError("VDI/DGQ 3441", expected="two runs or more in both directions", found="fewer")
+        raise DataError("VDI/DGQ 3441", expected=message("two-runs-more-both"), found="fewer")
     up, down = runs.up_um.mean(axis=1), runs.down_um.mean(axis=1)
     middle, reversal, scatter = (up + down) / 2, np.abs(up - down), 6 * (s_up + s_down) / 2
     half_width = (reversal + scatter) / 2

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 
 Vector = NDArray[np.float64]
 LineMethod = Literal["end-point", "least-squares", "minimum-zone"]
@@ -67,9 +68,9 @@ def reference_line(position_mm: ArrayLike, deviation_um: ArrayLike, method: Line
     position = np.asarray(position_mm, dtype=np.float64)
     deviation = np.asarray(deviation_um, dtype=np.float64)
     if not (np.isfinite(position).all() and np.isfinite(deviation).all()):
-        raise DataError("straightness", expected="a number at every stop", found="a stop without reading")
+        raise DataError("straightness", expected=message("number-at-every-stop"), found=message("stop-lacks-reading"))
     if len(position) < 2 or np.ptp(position) == 0.0:
-        raise DataError("straightness", expected="stops at two positions or more", found=f"{len(np.unique(position))}")
+        raise DataError("straightness", expected=message("stops-at-two-positions"), found=f"{len(np.unique(position))}")
     return _METHODS[method](position, deviation)
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 
 LARGEST = 1e12
 """No position, error, time or count of a machine comes near. What is beyond it is a mistake, and its square would soon not be finite."""
@@ -24,9 +25,9 @@ def read_table(
     numbered = enumerate(text.removeprefix("\ufeff").splitlines(), start=1)
     content = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(content) < 2:
-        raise DataError(source, expected="a header and at least one row", found=f"{len(content)} lines")
+        raise DataError(source, expected=message("header-at-least-one"), found=message("number-of-lines", content=len(content)))
     if len(content) > most_rows + 1:
-        raise DataError(source, expected=f"at most {most_rows} rows", found=str(len(content) - 1))
+        raise DataError(source, expected=message("at-most-rows", most_rows=most_rows), found=str(len(content) - 1))
     header = _header(*content[0], source, required, alias or {})
     return [(number, _fields(number, line, header, source)) for number, line in content[1:]]
 
@@ -34,23 +35,25 @@ def read_table(
 def _header(number: int, line: str, source: str, required: Sequence[str], alias: Mapping[str, str]) -> list[str]:
     where = f"{source}: line {number}: header"
     if "," not in line and (";" in line or "\t" in line):
-        remedy = "save as CSV with commas and decimal points"
-        raise DataError(where, expected="columns separated by commas", found="semicolons or tabs", remedy=remedy)
+        remedy = message("save-csv-with-commas")
+        raise DataError(where, expected=message("columns-separated-by-commas"), found=message("semicolons-tabs"), remedy=remedy)
     names = [alias.get(name, name) for name in _split(number, line, source)]
     missing = [name for name in required if name not in names]
     if missing:
         raise DataError(where, expected="the columns " + ",".join(required), found="no column " + ", ".join(missing))
     twice = sorted(name for name, count in Counter(names).items() if count > 1 and name)
     if twice:
-        raise DataError(where, expected="every column once", found=f"{twice[0]!r} twice")
+        raise DataError(where, expected=message("every-column-once"), found=message("named-twice", twice=repr(twice[0])))
     return names
 
 
 def _fields(number: int, line: str, header: list[str], source: str) -> dict[str, str]:
     fields = _split(number, line, source)
     if len(fields) != len(header):
-        remedy = "a decimal comma splits a number in two: write a decimal point" if len(fields) > len(header) else "the row was cut off"
-        raise DataError(f"{source}: line {number}", expected=f"{len(header)} fields", found=f"{len(fields)}", remedy=remedy)
+        remedy = message("decimal-comma-splits-number") if len(fields) > len(header) else message("row-was-cut-off")
+        raise DataError(
+            f"{source}: line {number}", expected=message("number-of-fields", header=len(header)), found=f"{len(fields)}", remedy=remedy
+        )
     return dict(zip(header, fields, strict=True))
 
 
@@ -58,7 +61,7 @@ def _split(number: int, line: str, source: str) -> list[str]:
     try:
         return [field.strip() for field in next(csv.reader([line], strict=True))]
     except csv.Error as error:
-        raise DataError(f"{source}: line {number}", expected="comma-separated fields", found=str(error)) from None
+        raise DataError(f"{source}: line {number}", expected=message("comma-separated-fields"), found=str(error)) from None
 
 
 def number_in(fields: Mapping[str, str], name: str, where: str, *, optional: bool = False, least: float = -math.inf) -> float:
@@ -71,7 +74,7 @@ def number_in(fields: Mapping[str, str], name: str, where: str, *, optional: boo
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST or value < least:
-        remedy = "write decimals with a point, not a comma" if "," in text else ""
+        remedy = message("write-decimals-with-point") if "," in text else ""
         expected = "a finite number" + (" from 0 up" if least == 0 else "")
         raise DataError(f"{where}: {name}", expected=expected, found=repr(text), remedy=remedy)
     return value
@@ -81,5 +84,5 @@ def whole_number_in(fields: Mapping[str, str], name: str, where: str, *, least: 
     """Return the whole number in a field. Raises ``DataError`` for anything else or below ``least``."""
     text = fields[name]
     if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= least):
-        raise DataError(f"{where}: {name}", expected=f"a whole number from {least} up", found=repr(text))
+        raise DataError(f"{where}: {name}", expected=message("whole-number-from-up", least=least), found=repr(text))
     return int(text)

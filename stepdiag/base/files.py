@@ -10,6 +10,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.part import folder_made, part_of, publish_new, undone_on_failure, write_through
 
 LARGEST_BYTES = 64_000_000
@@ -37,7 +38,7 @@ def read_bytes(
     Raises UsageError where it cannot be read, ``blame`` where it holds more than ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
-        raise UsageError(where, expected=expected, found=f"{path.name}, which is none", remedy=remedy)
+        raise UsageError(where, expected=expected, found=message("which-none", name=path.name), remedy=remedy)
     try:
         with path.open("rb") as file:
             data = file.read(largest + 1)
@@ -99,7 +100,7 @@ def write_once(path: Path, text: str) -> None:
 def refuse_existing(path: Path) -> None:
     """Raise UsageError where a file is there already, before a command asks anything."""
     if path.exists():
-        raise UsageError(str(path), expected="a new file", found="one that exists", remedy="name another one")
+        raise UsageError(str(path), expected=message("new-file"), found=message("one-exists"), remedy=message("name-another-one"))
 
 
 def write_new(path: Path, text: str) -> None:
@@ -109,13 +110,15 @@ def write_new(path: Path, text: str) -> None:
         path.parent.stat()  # of a folder that is not there the name is wrong
         write_once(path, text)
     except OSError as error:
-        raise UsageError(str(path), expected="a file that can be written", found=error.strerror or str(error)) from error
+        raise UsageError(str(path), expected=message("file-can-be-written"), found=error.strerror or str(error)) from error
 
 
 def refuse_file_name(out: Path, expected: str = "a folder") -> None:
     """Raise UsageError where the name for a new folder is that of a file, such as ``report.pdf``."""
     if out.suffix.lower() in FILE_SUFFIXES and not out.is_dir():
-        raise UsageError(str(out), expected=expected, found=f"the name of a {out.suffix} file", remedy="name a folder without that ending")
+        raise UsageError(
+            str(out), expected=expected, found=message("name-file", suffix=out.suffix), remedy=message("name-folder-without-ending")
+        )
 
 
 def _stands_there(path: Path, data: bytes) -> bool:
@@ -123,8 +126,8 @@ def _stands_there(path: Path, data: bytes) -> bool:
     if holds(path, data):
         return True
     if path.exists():
-        remedy = "write into another folder: what is there is never overwritten"
-        raise UsageError(str(path), expected="no file, or the same bytes", found="a file with other bytes", remedy=remedy)
+        remedy = message("write-into-another-folder")
+        raise UsageError(str(path), expected=message("no-file-same-bytes"), found=message("file-with-other-bytes"), remedy=remedy)
     return False
 
 

@@ -80,13 +80,16 @@ def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> s
 
 
 def finding(
-    severity: Severity, words: Message, place: Place = NOWHERE, *, size_um: float | None = None, among: tuple[str, ...] = ()
+    severity: Severity, words: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
 ) -> Finding:
-    """Return the finding of a message; its code is the message's key without a variant. Raises KeyError for a phrase."""
-    if words.key not in finding_keys():
+    """Return the finding of a message. Its code is the message's key without a variant; a phrase serves several codes and needs ``code``.
+
+    Raises KeyError for a phrase without a code.
+    """
+    if not code and words.key not in finding_keys():
         raise KeyError(words.key)
     return Finding(
-        code=words.code,
+        code=code or words.code,
         severity=severity,
         text=rendered(at(place, words), "en"),
         message=words,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import Vector
 
@@ -43,9 +44,9 @@ def parse_chain(text: str, where: str = "chain") -> Chain:
 def _refusal(where: str, text: str) -> UsageError:
     return UsageError(
         where,
-        expected="X, Y, Z and the bed once each, such as FXYZ, XYFZ or [w X' b Y Z t]",
+        expected=message("x-y-z-bed"),
         found=repr(text),
-        remedy="axes left of the bed (F or b) carry the work, and only they may have a prime",
+        remedy=message("axes-left-bed-f"),
     )
 
 

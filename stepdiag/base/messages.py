@@ -7,6 +7,7 @@ The catalogue (`texts.patterns`) holds the sentence of every key in every langua
 of a message where an old log or result holds nothing else.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from typing import Any, Literal
 from stepdiag.texts.patterns import Kind, Slot, sentences, slots
 from stepdiag.texts.ranges import ranges
 from stepdiag.texts.sentences import translated
-from stepdiag.texts.texts import Language
+from stepdiag.texts.texts import LANGUAGES, Language
 
 Way = Literal["", "out", "back"]
 
@@ -44,7 +45,7 @@ class Message:
     """A sentence of the catalogue and its arguments; as a text it is the English sentence. Made by `message`."""
 
     key: str
-    arguments: "dict[str, Argument]" = field(default_factory=dict)
+    arguments: "dict[str, Kept]" = field(default_factory=dict)
 
     def __hash__(self) -> int:
         return hash((self.key, *self.arguments))
@@ -62,6 +63,8 @@ Words = Message | str
 """A message; or a text as it stands: a name, a value of a file, a sentence of an old log."""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
+Kept = Message | str | int | float | tuple[Item, ...]
+"""An argument as a message keeps it: two messages of the same arguments are equal, read from JSON or made here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +90,7 @@ def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
     return Message(key, {name: _plain(key, name, kind, arguments[name]) for name, kind in wanted.items()})
 
 
-def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
+def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
     """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
     match kind:
         case "name":  # mypy sees to its type; a refusal is no place to break at what it could not see
@@ -108,7 +111,7 @@ def rendered(words: Words, language: Language) -> str:
     if isinstance(words, str):
         return translated(words, language)
     known = sentences().get(words.key)
-    if known is None:  # of a log of another version, without its text
+    if known is None or slots(words.key).keys() != words.arguments.keys():  # of a log of another version, without its text
         return words.key
     filled = ("" if slot is None else _filled(slot, words.arguments[slot.name], language) for _, slot in known[language])
     return "".join(part for (literal, _), value in zip(known[language], filled, strict=True) for part in (literal, value))
@@ -127,16 +130,36 @@ def _filled(slot: Slot, value: Any, language: Language) -> str:
             return _BETWEEN[kind][language].join(rendered(item, language) for item in value)
 
 
+def way_of(way: Way) -> Message:
+    """Return the direction of a pass as a word."""
+    return message("way-out" if way == "out" else "way-back")
+
+
+def run(setup: str, way: Way) -> Message:
+    """Return a pass in words: its setup and its direction."""
+    return message("run", setup=setup, way=way_of(way))
+
+
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return a message with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
+    """Return what is said with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
     if not place.way:
         return words
-    run: dict[str, Argument] = {"setup": place.setup, "way": message("way-out" if place.way == "out" else "way-back"), "what": words}
+    run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}
     if stops:
         return message("at-stop" if len(stops) == 1 else "at-stops", stops=stops, **run)
     if place.stop is None:
         return message("in-pass", **run)
     return message("at-stop-of", stop=place.stop, last=place.last or 0, **run)
+
+
+def joined(parts: Sequence[Words]) -> Words:
+    """Return several sentences as one, with semicolons between them; a single one as it is, an empty text for none."""
+    return message("several", parts=parts) if len(parts) > 1 else next(iter(parts), "")
+
+
+def in_every_language(words: Words) -> dict[Language, str]:
+    """Return a message in words by language."""
+    return {language: rendered(words, language) for language in LANGUAGES}
 
 
 def message_json(words: Message) -> dict[str, Any]:
@@ -148,6 +171,16 @@ def _json(value: Argument | Item) -> Any:
     if isinstance(value, Message):
         return message_json(value)
     return [_json(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+def kept(words: Words) -> str:
+    """Return a message as JSON text, for a log whose text stands beside it; empty for what is text alone. `of_log` reads it again."""
+    return json.dumps(message_json(words), ensure_ascii=False) if isinstance(words, Message) else ""
+
+
+def of_log(text: str, kept_message: str) -> Words:
+    """Return what a log holds: a message of this program, else the text as it stands. Raises ValueError for what is no JSON."""
+    return (message_of(json.loads(kept_message)) if kept_message else None) or text
 
 
 def message_of(tree: object) -> Message | None:

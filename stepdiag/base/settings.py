@@ -19,7 +19,7 @@ from msgspec import inspect
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.dotted_names import longer_than
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import Message, Words, excerpt
+from stepdiag.base.messages import Message, Words, excerpt, message
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 
@@ -38,7 +38,7 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
     text = text.removeprefix("\ufeff")
     deep = longer_than(_DEEPEST, text)
     if deep is not None:
-        raise UsageError(f"{source}: line {deep.line}", expected=f"names of at most {_DEEPEST} parts", found=show(deep.text))
+        raise UsageError(f"{source}: line {deep.line}", expected=message("names-at-most-parts", deepest=_DEEPEST), found=show(deep.text))
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError also for whole numbers of thousands of digits
@@ -50,7 +50,7 @@ def require_answers(data: object, source: str) -> None:
     questions = list(_unanswered(data, ""))
     if questions:
         remedy = "still to be answered: " + ", ".join(questions)
-        raise UsageError(f"{source}: {questions[0]}", expected="an answer", found=f'"{UNANSWERED}"', remedy=remedy)
+        raise UsageError(f"{source}: {questions[0]}", expected=message("an-answer"), found=f'"{UNANSWERED}"', remedy=remedy)
 
 
 def convert(data: object, model: type[Model], source: str, at: str = "") -> Model:
@@ -68,7 +68,9 @@ def nearest(word: str, known: list[str]) -> str:
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
     """Return the refusal of a key that nobody knows, with the nearest one that is known."""
     remedy = nearest(key, known) if _close(key, known) else ""
-    return UsageError(f"{source}: {path}", expected=f"one of {', '.join(sorted(known))}", found=f"the unknown name {key}", remedy=remedy)
+    return UsageError(
+        f"{source}: {path}", expected=message("expects-one-of", names=sorted(known)), found=message("unknown-name", name=key), remedy=remedy
+    )
 
 
 def refuse(source: str, field: str, expected: Words, found: object, remedy: Words = "") -> UsageError:
@@ -163,12 +165,12 @@ def _check_struct(table: dict[str, Any], model: type[msgspec.Struct], source: st
             _check(table[name], field.type, source, prefix + name)
         elif field.required:
             expected = expectation(inspect.type_info(field.type))
-            raise UsageError(f"{source}: {prefix}{name}", expected=expected, found="nothing", remedy="add it")
+            raise UsageError(f"{source}: {prefix}{name}", expected=expected, found=message("nothing"), remedy=message("add-it"))
 
 
 def _table(value: object, source: str, path: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise refuse(source, path, "a table", value)
+        raise refuse(source, path, message("a-table"), value)
     return value
 
 

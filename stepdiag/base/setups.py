@@ -16,6 +16,7 @@ from itertools import combinations
 from typing import Literal
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 
 Kind = Literal["step", "face", "body", "linear", "fourdof"]
@@ -72,7 +73,7 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
     base, plus, number = name.partition("+")
     if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
         near = difflib.get_close_matches(base, names, cutoff=0.5)
-        remedy = f"did you mean {near[0]!r}?" if near else "a shifted beam or a second alignment is named ppp+1, ppp+2, .."
+        remedy = message("did-you-mean-near", near=repr(near[0])) if near else message("shifted-beam-second-alignment")
         raise UsageError(where, expected="one of " + ", ".join(names), found=repr(name), remedy=remedy)
     return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0)
 

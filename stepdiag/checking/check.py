@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import Words
 from stepdiag.daq.capture.conditions import told_names
 from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
 from stepdiag.daq.recording.survey_links import Statuses, SurveyLinks
-from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
+from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
@@ -26,10 +27,10 @@ NS = 1e-9
 class LinkSeen:
     """How a link fared: ``detail`` is the last text about it; ``losses`` counts how often it went after it had been there."""
 
-    name: str
-    address: str = ""
+    name: Link
+    address: Words = ""
     state: str = "connecting"
-    detail: str = ""
+    detail: Words = ""
     was_silent: bool = False
     losses: int = 0
 
@@ -37,7 +38,7 @@ class LinkSeen:
         """Take a change of state."""
         self.losses += self.state == "connected" and event.state == "lost"
         self.was_silent |= event.state == "silent"
-        self.state, self.detail = event.state, event.detail or self.detail
+        self.state, self.detail = event.state, event.words or self.detail
 
 
 @dataclass(slots=True)
@@ -55,7 +56,7 @@ class StreamSeen:
     position_mm: float | None = None
     beam: float | None = None
     last_flags: Flag = field(default_factory=lambda: Flag(0))
-    remarks: dict[str, str] = field(default_factory=dict)
+    remarks: dict[str, Words] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     heard: bytes = b""
     told: dict[str, float] = field(default_factory=dict)
@@ -69,10 +70,10 @@ class StreamSeen:
         self.byte_count += len(chunk.data)
         batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
         for notice in batch.notices:
-            self.remarks[notice.code] = notice.text
+            self.remarks[notice.code] = notice.why
             self.counts[notice.code] += 1
             if notice.code == "environment" and notice.value is not None:
-                self.told[notice.text] = notice.value
+                self.told[notice.name] = notice.value
         if len(batch):
             self._count(batch, chunk.arrival_ns)
 

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from typing import Literal
 
 from stepdiag.base.conditions.air import HALL
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, Severity, finding
+from stepdiag.base.messages import Message, Words
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
+from stepdiag.daq.capture.remarks.stream_findings import STREAMS
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
@@ -90,10 +92,10 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
     return _finding("conditions-held", severity, f'{text} environment.source = "fixed"')
 
 
-def _senseless(stream: StreamSeen) -> str:
+def _senseless(stream: StreamSeen) -> Message:
     """Return what a stream sends that makes no sense."""
     remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
-    return senseless(stream.link.name, stream.heard, stream.byte_count, remark)
+    return senseless(STREAMS[stream.link.name], stream.heard, stream.byte_count, remark)
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
@@ -109,7 +111,7 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     if stream.counts["restart"]:
         yield _finding("instrument-restart", "warning", f"{name}: {stream.remarks['restart']}: look at its power supply")
     if stream.refused == stream.samples:
-        yield _finding("instrument-reports", "error", refused(name, stream.remarks.get("device", "")))
+        yield _finding("instrument-reports", "error", refused(STREAMS[name], stream.remarks.get("device", "")))
         return
     if "device" in stream.remarks:
         yield _finding("instrument-reports", "info", f"the {name} says: {stream.remarks['device']}")
@@ -209,5 +211,8 @@ def _lasting(link: LinkSeen) -> Iterator[Finding]:
         yield _finding(f"{link.name}-unsteady", "warning", f"{link.address}: the link was lost {link.losses} times: cable, plug, supply")
 
 
-def _finding(code: str, severity: Literal["error", "warning", "info"], text: str) -> Finding:
-    return Finding(code=code, severity=severity, text=text)
+def _finding(code: str, severity: Severity, said: Words) -> Finding:
+    """Return a finding of a message, or of a text that is not one yet."""
+    if isinstance(said, Message):
+        return finding(severity, said, code=code)
+    return Finding(code=code, severity=severity, text=said)

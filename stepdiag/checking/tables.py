@@ -24,7 +24,7 @@ def check_table(seen: Observation) -> Table:
 
 
 def _add_link(table: Table, link: LinkSeen) -> None:
-    table.add_row(Text(link.name, "bold"), Text(link.address), Text(link.state, STYLES[link.state]), "")
+    table.add_row(Text(link.name, "bold"), Text(str(link.address)), Text(link.state, STYLES[link.state]), "")
 
 
 def _add_stream(table: Table, stream: StreamSeen) -> None:

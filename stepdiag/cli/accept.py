@@ -54,9 +54,9 @@ def accept(
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
-        typer.echo(printable(f"accepted: {doubt.place}: {doubt.text}"))
+        typer.echo(printable(f"accepted: {doubt.place}: {doubt.words}"))
     for left in standing_of(survey).doubts:
-        typer.echo(printable(f"still doubted: {left.place}: {left.text}"))
+        typer.echo(printable(f"still doubted: {left.place}: {left.words}"))
 
 
 def _moment(text: str | None) -> "datetime":

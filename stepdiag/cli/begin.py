@@ -45,10 +45,10 @@ def begin(
     ask_to_begin(folder, setup, getpass.getuser())
     end = time.monotonic() + ANSWER_S
     now = live_in(folder)
-    while time.monotonic() < end and (now is None or not now.waits_for.startswith(f"{setup} ")):
+    while time.monotonic() < end and (now is None or not now.awaits_stop_of(setup)):
         time.sleep(0.1)
         now = live_in(folder)
-    waits = now.waits_for if now is not None else "nothing is heard of it"
-    if not waits.startswith(f"{setup} "):
+    waits = str(now.waits_for) if now is not None else "nothing is heard of it"
+    if now is None or not now.awaits_stop_of(setup):
         raise DataError("begin", expected=f"a daemon that waits for the stops of {setup}", found=waits, remedy="its journal says why")
     typer.echo(printable(f"{setup} is begun: start its NC program now ({waits})"))

@@ -1,16 +1,17 @@
 """``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stepdiag.base.errors import UsageError
+from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
+    from stepdiag.fleet.history import LeftOut
     from stepdiag.fleet.trend import Trend
     from stepdiag.texts.texts import Language
 
@@ -88,14 +89,15 @@ def trend(
     language: Annotated[str | None, typer.Option(help="Of the sheet: en or de; en where nothing is stated.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what changed on the machines of a store.
+    """Show what changed on the machines of a store.
 
-    Since when, after what, by more than its uncertainty; where a straight line is justified, and when it leaves the tolerance.
+    Since when and after what; what is unchanged, what is not decidable; when a figure that drifts leaves its tolerance. Surveys that do
+    not belong to the others stand apart or are left out, each with the reason; exit code 3 where a table is damaged.
     """
     if language is not None and report is None:
         raise UsageError("--language", expected="--report beside it: the language is that of the sheet", found="none")
     chosen = _language(language or "en")
-    found = _trends(store, machine, tolerance or [], software)
+    found, left_out = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
     from stepdiag.base.files import write_together
@@ -104,12 +106,24 @@ def trend(
     from stepdiag.fleet.terminal import as_json as json_of
 
     tables = {} if csv is None else {csv: as_csv(found).encode("utf-8")}
-    sheets = {} if report is None else {report: fleet_html(found, store, chosen).encode("utf-8")}
+    sheets = {} if report is None else {report: fleet_html(found, store, chosen, left_out).encode("utf-8")}
     write_together(tables | sheets, over=True)
     if as_json:
-        typer.echo(json.dumps(json_of(found), indent=2, ensure_ascii=False))
-        return
-    Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine]))
+        typer.echo(json.dumps(json_of(found, left_out), indent=2, ensure_ascii=False))
+    else:
+        Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine], whole=bool(machine)))
+    _name_left_out(left_out)
+
+
+def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
+    """Print what no series holds on standard error. Raises DataError where a table is damaged: the other machines are shown before."""
+    from stepdiag.terminal.printable import printable
+
+    for each in left_out:
+        typer.echo(printable(f"left out: {' '.join(filter(None, (each.machine, each.name)))}: {each.why}"), err=True)
+    damaged = [each.name for each in left_out if each.damaged]
+    if damaged:
+        raise DataError(damaged[0], expected="tables that can be read", found=f"{len(damaged)} damaged", remedy="the lines above name each")
 
 
 def fleet(
@@ -121,13 +135,14 @@ def fleet(
     language: Annotated[str, typer.Option(help="en or de")] = "en",
 ) -> None:
     """Show all machines of a store in the browser, worst first."""
-    _trends(store, "", tolerance or [], software)
-    from stepdiag.fleet.page import LOOPBACK, create_app, serve
+    from stepdiag.fleet.page import LOOPBACK, Sheets, create_app, serve
+    from stepdiag.fleet.store import Store
 
+    sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
+    chosen = _language(language)
+    sheets.sheet(chosen)
     typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
-    serve(
-        create_app(lambda: _trends(store, "", tolerance or [], software), store, _language(language), (*LOOPBACK, host.lower())), host, port
-    )
+    serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
 
 
 def resolve(
@@ -151,7 +166,6 @@ def resolve(
         from stepdiag.fleet import resolve as resolving
         from stepdiag.fleet.archive import refresh_index
         from stepdiag.fleet.store import Store
-    from stepdiag.base.errors import DataError
     from stepdiag.base.files import read_text
 
     if survey is not None and not machine:
@@ -179,21 +193,23 @@ def resolve(
         )  # fmt: skip
 
 
-def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "list[Trend]":
+def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
+    """Return the trends of a store, and what is left out."""
+    from datetime import UTC, datetime
+
     with extra_needed("fleet"):
-        from stepdiag.fleet.history import series_in
+        from stepdiag.fleet.history import history_in
         from stepdiag.fleet.store import Store
         from stepdiag.fleet.tolerances import FILE, Tolerances, require_known, tolerances_in
-        from stepdiag.fleet.trend import trend_of
+        from stepdiag.fleet.trend import trends_of
 
-    given, store = dict(map(_tolerance, tolerances)), Store(address)
-    series = series_in(store, machine, software)
-    require_known(Tolerances(all=given), series, "--tolerance")
+    given, store, now = dict(map(_tolerance, tolerances)), Store(address), datetime.now(UTC)
+    history = history_in(store, now, machine, software)
+    require_known(Tolerances(all=given), history.series, "--tolerance")
     stated = tolerances_in(store)
     if not machine:
-        require_known(stated, series_in(store) if software else series, FILE)
-    allowed = stated.together_with(given)
-    return [trend_of(each, allowed.of(each.machine, each.quantity)) for each in series]
+        require_known(stated, history_in(store, now).series if software else history.series, FILE)
+    return trends_of(history.series, stated.together_with(given).of), history.left_out
 
 
 def _tolerance(text: str) -> tuple[str, float]:

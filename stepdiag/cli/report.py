@@ -78,12 +78,12 @@ def report(
 
 def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
     """Return what the survey after loading says. Raises ``DataError`` where it is another machine's or of another volume."""
-    from stepdiag.comparing.compare import same_machine, same_volume
+    from stepdiag.comparing.compare import require_alike, require_same_volume
     from stepdiag.conclusion import conclude
     from stepdiag.report.certificate import as_left
 
-    same_machine(before, after)
-    same_volume(before, after)
+    require_alike(before, after)
+    require_same_volume(before, after)
     return as_left(after.source, conclude(after), _concluded(before, exported).reach)
 
 
@@ -154,7 +154,7 @@ def compare(
     if out is not None and left is not None:
         _write_as_left(read[0], read[-1], left, exported, out, letterhead=letterhead, pdf=pdf, language=language)
     if as_json:
-        changes = [{**asdict(change), "difference": change.difference} for change in comparison.changes]
+        changes = [{**asdict(change), "difference": change.difference, "significant": change.significant} for change in comparison.changes]
         volumetric = {
             "before_um": comparison.rms_before_um,
             "after_um": comparison.rms_after_um,
@@ -235,8 +235,10 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
     what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
-    line = f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
-    console.print(line)
+    console.print(f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um")
+    for each in comparison.remarks:
+        console.print(str(each), soft_wrap=True)
+    console.print("All quantities together are reported as changed by chance in 4.6 % of comparisons (k = 2).", soft_wrap=True)
     if trends:
         console.print(trend_table(trends, names))
     say_granted(read)

@@ -151,7 +151,7 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
     found = left_out(active) if angles is not None else None
     if angles is not None and found is not None:
-        raise UsageError("--angles", expected=f"no angles: {found.text}", found=angles.name)
+        raise UsageError("--angles", expected=f"no angles: {found.words}", found=angles.name)
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":

@@ -52,16 +52,29 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "complete": found.complete,
         "result": None if found.result is None else str(found.result),
         "next_setup": found.next_setup,
-        "doubts": [{"place": doubt.place, **msgspec.to_builtins(doubt)} for doubt in found.doubts],
-        "unsolved": found.unsolved,
+        "doubts": [{"place": doubt.place, **_plain(doubt), "text": str(doubt.words)} for doubt in found.doubts],
+        "unsolved": str(found.unsolved),
         "findings": [msgspec.to_builtins(each) for each in found.findings],
         "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
-        "setups": [msgspec.to_builtins(setup) for setup in found.setups],
-        "live": msgspec.to_builtins(found.live),
-        "disk": found.disk,
+        "setups": [_plain(setup) for setup in found.setups],
+        "live": _plain(found.live),
+        "disk": str(found.disk),
         "logs": [asdict(log) for log in found.logs],
         "conclusion": None if found.result is None else conclusion_in(found.result.parent),
     }
+
+
+def _plain(value: object) -> Any:
+    """Return a struct for JSON: a message that stands where a text does is its English."""
+    import msgspec
+
+    from stepdiag.base.messages import Message
+
+    if isinstance(value, Message):
+        return str(value)
+    if isinstance(value, msgspec.Struct):
+        return {name: _plain(getattr(value, name)) for name in value.__struct_fields__}
+    return msgspec.to_builtins(value)
 
 
 def _print(found: "Standing") -> None:
@@ -76,12 +89,12 @@ def _print(found: "Standing") -> None:
     for line in _live(found):
         typer.echo(printable(line))
     for setup in found.setups:
-        for reason in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
-            typer.echo(printable(f"{setup.name}: {reason}"))
+        for said in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
+            typer.echo(printable(f"{setup.name}: {said}"))
     for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
         typer.echo(printable(line))
     if found.disk:
-        typer.echo(found.disk)
+        typer.echo(str(found.disk))
     if found.changed:
         words = "`stepdiag run` will begin a new round, from the first setup on; undo the change to go on with these"
         typer.echo(f"The survey file is not the one these logs were recorded with: {words}.")
@@ -96,7 +109,7 @@ def _undated(found: "Standing") -> list[str]:
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
-    unset = [each.text for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
+    unset = [str(each.finding.words) for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
     return [f"{text}: `stepdiag accept {where} {CODE} --begun TIME --reason ...`" for text in unset]
 
 
@@ -133,7 +146,7 @@ def _live(found: "Standing") -> list[str]:
     lines = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
     lines += [f"told of air and material: {air}"] if air else []
-    return [*lines, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
+    return [*lines, f"it waits for: {found.live.waits_for}", *([str(found.live.message)] if found.live.message else [])]
 
 
 def _doubted(found: "Standing") -> list[str]:
@@ -141,10 +154,10 @@ def _doubted(found: "Standing") -> list[str]:
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))
-    shown, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
+    said, lines = " ".join(str(setup.doubt) for setup in found.setups), list[str]()
     for place in places_of(found.doubts):
-        here = [doubt.text for doubt in found.doubts if doubt.place == place]
-        lines += [text for text in here if text not in shown and text not in lines]
+        here = [str(doubt.words) for doubt in found.doubts if doubt.place == place]
+        lines += [text for text in here if text not in said and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
     return lines
 

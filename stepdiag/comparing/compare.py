@@ -1,29 +1,27 @@
 """Results of one machine beside each other: what changed, and whether it changed by more than the uncertainty."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from statistics import NormalDist
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.result.basis import basis_of
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.interval import Interval
-from stepdiag.base.result.members import Budget, Facts
+from stepdiag.base.result.members import Facts
 from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
+from stepdiag.comparing.alike import apart, common_share, remarks, same_volume, standing_of
+from stepdiag.comparing.chance import DENIABLE, Verdict, coverage_factor, excluded_beyond
+from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
-from stepdiag.solver.model.effects import TURNING
 
-ALMOST = 0.01
-"""Of the shortest side: ends of two volumes that differ by less are the same."""
 GRID = 11
 """Points per axis of the grid over which volumetric errors are compared."""
-TWO_SIGMA = 2 * (1 - NormalDist().cdf(2.0))
-"""Chance that one quantity differs by more than k = 2 although nothing changed: 4.6 %."""
-
 
 Known = tuple[float | None, float | None]
 Shares = tuple[float, float]
@@ -33,8 +31,8 @@ Shares = tuple[float, float]
 class Change:
     """How one quantity changed from the first result to the second.
 
-    For a function, the node where the difference is largest against its uncertainty. ``significant`` is None where one of the results
-    does not identify the quantity or states no uncertainty.
+    For a function, the node where the difference is largest against its uncertainty. ``verdict`` is None where one of the results does
+    not identify the quantity or states no uncertainty.
     """
 
     name: str
@@ -44,19 +42,25 @@ class Change:
     u: float | None
     """Standard uncertainty of the difference."""
     position_mm: float | None = None
-    significant: bool | None = None
+    verdict: Verdict | None = None
 
     @property
     def difference(self) -> float | None:
         """Return after - before."""
         return None if self.before is None or self.after is None else self.after - self.before
 
+    @property
+    def significant(self) -> bool | None:
+        """Return whether the change is more than chance; None where nothing decides it."""
+        return None if self.verdict is None else self.verdict == "changed"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """All changes from one result to another, and the volumetric error of both over their common volume (rms, rigid motion removed): as
-    the functions say it, and as intervals at k = 2 (`solver.result.prediction`)."""
+    the functions say it, and as intervals at k = 2 (`solver.result.prediction`). ``remarks``: what a reader has to know beside it."""
 
+    remarks: tuple[Message, ...]
     changes: tuple[Change, ...]
     rms_before_um: float
     rms_after_um: float
@@ -65,57 +69,44 @@ class Comparison:
     common: Volume
 
 
-def coverage_factor(nodes: int) -> float:
-    """Return the k at which the largest of ``nodes`` independent differences is as unlikely as one beyond k = 2 (Sidak)."""
-    single = 1 - (1 - TWO_SIGMA) ** (1 / max(nodes, 1))
-    return NormalDist().inv_cdf(1 - single / 2)
-
-
-def same_machine(before: Result, after: Result) -> None:
-    """Raise ``DataError`` where both results name their machine and the names, or the serial numbers, differ."""
-    one, other = (result.survey or Facts() for result in (before, after))
-    named = {"machine": (one.machine, other.machine), "machine_serial": (one.machine_serial, other.machine_serial)}
-    for entry, (first, second) in named.items():
-        if first and second and first != second:
-            remedy = "compare results of one machine; where it was only renamed, put the old name into the result's survey.machine"
-            raise DataError(
-                f"{after.source}: survey.{entry}", expected=f"{first!r} as in {before.source}", found=repr(second), remedy=remedy
-            )
-
-
-def _same_lengths(before: Result, after: Result) -> None:
-    """Raise ``DataError`` where one result holds lengths at 20 C and the other as measured: their scales say nothing of each other."""
-    first, second = (basis_of(result).tables for result in (before, after))
-    if first is not None and second is not None and first != second:
-        names = {"as_measured": "lengths as measured", "at_20_c": "lengths at 20 C"}
-        remedy = "solve both logs with the same machine.apply_expansion; each result's `lengths` has the scales both ways"
-        raise DataError(f"{after.source}: lengths", expected=f"{names[first]} as in {before.source}", found=names[second], remedy=remedy)
+def require_alike(before: Result, after: Result) -> None:
+    """Raise ``DataError`` where two results are not of one machine as it stood: another name, or what `alike.apart` names."""
+    first, second = ((result.survey or Facts()).machine for result in (before, after))
+    if first and second and first != second:
+        remedy = "compare results of one machine; where it was only renamed, put the old name into the result's survey.machine"
+        raise DataError(f"{after.source}: survey.machine", expected=f"{first!r} as in {before.source}", found=repr(second), remedy=remedy)
+    why = apart(standing_of(before), standing_of(after))
+    if why is not None:
+        raise DataError(
+            after.source, expected=message("comparable-with", name=before.source), found=why, remedy=message("compare-one-machine")
+        )
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return what changed. Raises ``DataError`` where the results are not of one machine as it stood.
+    """Return what changed; all quantities together are reported as changed by chance as seldom as one beyond k = 2.
 
-    That is another name or serial number, another chain, no common volume, or lengths at 20 C beside lengths as measured.
+    Raises ``DataError`` where the results are not of one machine as it stood (`require_alike`), or have no common volume.
     """
-    same_machine(before, after)
-    _same_lengths(before, after)
-    if before.chain != after.chain:
-        raise DataError(
-            "chain", expected=f"{before.chain} as in the first result", found=after.chain, remedy="compare results of one machine"
-        )
+    require_alike(before, after)
     common = _common_volume([before, after])
     rms = [_rms_um(result, common) for result in (before, after)]
     intervals = [_interval(result, common) for result in (before, after)]
     return Comparison(
-        changes=_changes(before, after), rms_before_um=rms[0], rms_after_um=rms[1], before=intervals[0], after=intervals[1], common=common
+        remarks=tuple(remarks(standing_of(before), standing_of(after))),
+        changes=_judged(before, after),
+        rms_before_um=rms[0],
+        rms_after_um=rms[1],
+        before=intervals[0],
+        after=intervals[1],
+        common=common,
     )
 
 
-def same_volume(before: Result, after: Result) -> None:
+def require_same_volume(before: Result, after: Result) -> None:
     """Raise ``DataError`` where one result covers another volume: in a smaller one errors are smaller, and nothing was gained."""
-    one, other = ((*result.volume.origin_mm, *result.volume.size_mm) for result in (before, after))
-    if not np.allclose(one, other, rtol=0.0, atol=ALMOST * min(filter(None, before.volume.size_mm))):
-        shown = [f"{tuple(volume[:3])} to {tuple(np.add(volume[:3], volume[3:]).tolist())} mm" for volume in (one, other)]
+    if not same_volume(standing_of(before), standing_of(after)):
+        boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
+        shown = [f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes]
         remedy = "drive the survey after loading over the volume of the one before"
         raise DataError(f"{after.source}: volume", expected=f"{shown[0]} as in {before.source}", found=shown[1], remedy=remedy)
 
@@ -128,34 +119,61 @@ def _interval(result: Result, common: Volume) -> Interval:
     return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
 
 
-def _changes(before: Result, after: Result) -> tuple[Change, ...]:
-    both = (before, after)
-    numbers = []
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Asked:
+    """A change, and the differences behind it (shapes (nodes,)): ``u`` as far as the surveys do not share it, and ``whole``."""
+
+    change: Change
+    steps: Vector = field(default_factory=lambda: np.zeros(0))
+    u: Vector = field(default_factory=lambda: np.zeros(0))
+    whole: Vector = field(default_factory=lambda: np.zeros(0))
+    place: int = 0
+
+
+def _judged(before: Result, after: Result) -> tuple[Change, ...]:
+    """Return every change with its verdict: beyond what one of all nodes and numbers shows by chance, or none larger than three U hides.
+
+    Surveys that scatter beyond U do so in all quantities: the median of their differences widens each. Loading changes all of them, too.
+    """
+    asked = list(_changes(before, after))
+    steps, u, whole = (np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole"))
+    questions = int(np.count_nonzero(u > 0))
+    scattered = beyond(steps[u > 0], u[u > 0], whole[u > 0], sum(bool(np.any(each.u > 0)) for each in asked))
+    one, other = (standing_of(result).compensation for result in (before, after))
+    return tuple(_with_verdict(each, questions, 0.0 if one != other else scattered) for each in asked)
+
+
+def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
+    change = asked.change
+    difference, stated = change.difference, change.u
+    if not len(asked.u) or difference is None or stated is None:
+        return change
+    whole = float(asked.whole[asked.place])
+    u = math.hypot(stated, scattered * whole)
+    if abs(difference) > coverage_factor(questions) * u:
+        return replace(change, u=u, verdict="changed")
+    hides = abs(difference) + excluded_beyond(0.0) * u > 2 * DENIABLE * whole
+    return replace(change, u=u, verdict="undecided" if hides else "unchanged")
+
+
+def _changes(before: Result, after: Result) -> Iterator[_Asked]:
+    """Yield every change; the largest of a function."""
+    instruments = {standing_of(result).instruments for result in (before, after)}
+    shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
         other = after.squareness[name]
-        numbers.append(_number_change(name, q.unit, (q.value, q.u), (other.value, other.u), _alike(both, name)))
+        yield _number_change(name, q.unit, (q.value, q.u), (other.value, other.u), shares(name))
     for name, s in before.scale.items():
         found = after.scale[name]
-        numbers.append(_number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), _alike(both, name)))
-    shared = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in before.errors and name in after.errors]
-    return (*numbers, *(_function_change(name, before.errors[name], after.errors[name], _alike(both, name)) for name in shared))
+        yield _number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), shares(name))
+    for name in (*DISPLACEMENTS, *ROTATIONS):
+        if name in before.errors and name in after.errors:
+            yield _function_change(name, before.errors[name], after.errors[name], shares(name))
 
 
-ALIKE = (*TURNING, "angle origin")
-"""Sources that are the same in two surveys of one machine: what nobody measured is in both, and not in their difference."""
-
-
-def _alike(results: Sequence[Result], name: str) -> Shares:
-    """Return for both results which share of a quantity's standard uncertainty the sources of `ALIKE` make; 0 where no budget says it."""
-    first, second = (_share(result.budget, name) for result in results)
+def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> Shares:
+    first, second = (common_share(result.budget, name, same_instruments=same_instruments) for result in results)
     return first, second
-
-
-def _share(budget: Budget | None, name: str) -> float:
-    if budget is None or budget.combined.get(name, 0.0) <= 0.0:
-        return 0.0
-    alike = float(np.linalg.norm([budget.shares.get(name, {}).get(source, 0.0) for source in ALIKE]))
-    return min(alike / budget.combined[name], 1.0)
 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
@@ -165,40 +183,37 @@ def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
     return found
 
 
-def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> Change:
-    both = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
-    u = None if both is None else float(_u_of_difference(*both, alike))
-    significant = None
-    if before[0] is not None and after[0] is not None and u is not None:
-        significant = abs(after[0] - before[0]) > coverage_factor(1) * u
-    return Change(name=name, unit=unit, before=before[0], after=after[0], u=u, significant=significant)
+def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> _Asked:
+    if before[1] is None or after[1] is None or before[0] is None or after[0] is None:
+        return _Asked(change=Change(name=name, unit=unit, before=before[0], after=after[0], u=None))
+    u = float(_u_of_difference(np.array(before[1]), np.array(after[1]), alike))
+    change = Change(name=name, unit=unit, before=before[0], after=after[0], u=u)
+    return _Asked(
+        change=change, steps=np.array([abs(after[0] - before[0])]), u=np.array([u]), whole=np.array([math.hypot(before[1], after[1])])
+    )
 
 
-def _function_change(name: str, before: Function, after: Function, alike: Shares) -> Change:
+def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
     """Return the change at the node where it stands out most; shapes where one of the two is a shape only."""
     if before.value is None or after.value is None:
-        return Change(name=name, unit=before.unit, before=None, after=None, u=None)
+        return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
     nodes = _common_nodes(before, after)
     shape = not (before.slope_identified and after.slope_identified) or _other_line(name, before, after)
     a = _from_first(_at(before, before.value, nodes), nodes, shape=shape)
     b = _from_first(_at(after, after.value, nodes), nodes, shape=shape)
     if before.u is None or after.u is None:
         node = int(np.argmax(np.abs(b - a)))
-        return _at_node(name, before.unit, nodes, a, b, node)
-    u = _u_of_difference(_at(before, before.u, nodes), _at(after, after.u, nodes), alike)
+        return _Asked(change=_at_node(name, before.unit, nodes, a, b, node))
+    both = _at(before, before.u, nodes), _at(after, after.u, nodes)
+    u, whole = _u_of_difference(*both, alike), np.hypot(*both)
     ratio = np.divide(np.abs(b - a), u, out=np.zeros(len(nodes)), where=u > 0)
     node = int(np.argmax(ratio))
-    beyond = bool(ratio[node] > coverage_factor(int(np.count_nonzero(u > 0))))
-    return _at_node(name, before.unit, nodes, a, b, node, u=float(u[node]), significant=beyond)
+    change = _at_node(name, before.unit, nodes, a, b, node, u=float(u[node]))
+    return _Asked(change=change, steps=np.abs(b - a), u=u, whole=whole, place=node)
 
 
-def _at_node(
-    name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None, significant: bool | None = None
-) -> Change:
-    return Change(
-        name=name, unit=unit, before=float(a[node]), after=float(b[node]), u=u,
-        position_mm=float(nodes[node]), significant=significant,
-    )  # fmt: skip
+def _at_node(name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None) -> Change:
+    return Change(name=name, unit=unit, before=float(a[node]), after=float(b[node]), u=u, position_mm=float(nodes[node]))
 
 
 def _other_line(name: str, before: Function, after: Function) -> bool:

@@ -9,8 +9,6 @@ from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
 from stepdiag.terminal.printable import printable
 
-VERDICTS = {True: "yes", False: "no", None: "-"}
-
 WHICH = ("machine", "machine_serial", "survey", "begun")
 """What tells one result from another, by its names in the result's ``survey``; a result whose readings came from elsewhere may say less."""
 
@@ -30,8 +28,8 @@ def sources(results: Sequence[Result]) -> Text:
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
     """Return one row a quantity: both values, difference, its expanded uncertainty, and whether it is more than that."""
     table = Table(title=Text(f"{before} -> {after}"))
-    for column in ("quantity", "at / mm", "before", "after", "difference", "U (k = 2)", "unit", "changed"):
-        table.add_column(column, justify="left" if column in {"quantity", "unit", "changed"} else "right")
+    for column in ("quantity", "at / mm", "before", "after", "difference", "U (k = 2)", "unit", "verdict"):
+        table.add_column(column, justify="left" if column in {"quantity", "unit", "verdict"} else "right")
     for change in comparison.changes:
         table.add_row(*_row(change), style="bold" if change.significant else "")
     return table
@@ -40,7 +38,7 @@ def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
 def _row(change: Change) -> tuple[str, ...]:
     expanded = None if change.u is None else 2 * change.u
     numbers = (_shown(change.position_mm, 0), *(_shown(v) for v in (change.before, change.after, change.difference, expanded)))
-    return change.name, *numbers, change.unit, VERDICTS[change.significant]
+    return change.name, *numbers, change.unit, change.verdict or "-"
 
 
 def _shown(value: float | None, decimals: int = 2) -> str:

@@ -17,12 +17,11 @@ import msgspec
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
-from stepdiag.base.messages import message
+from stepdiag.base.messages import joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.capture.remarks.unchecked import unchecked
-from stepdiag.daq.passes.doubt import says_what_to_do
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
@@ -73,7 +72,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     try:
         computed, _ = solve_logs(replayed)
     except DataError as error:
-        note_judgement(out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=str(error)))
+        note_judgement(out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=error.message))
         raise
     _require_settled(replayed, out)
     text = computed.to_json()
@@ -171,13 +170,14 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
     if not still:
         return
     suspects = {doubt for each in replayed.book.passes for doubt in each.suspected}
-    named = "; ".join(f"{doubt.place}: {doubt.text}" for doubt in still)
+    named = joined([message("doubted-at", place=doubt.place, what=doubt.words) for doubt in still])
     note_judgement(
         out,
         Judgement(time_s=time.time(), stops=replayed.book.stops, reason=named, doubts=tuple(each for each in still if each in suspects)),
     )
-    again = "" if says_what_to_do(still[-1].text) else "drive it again, "
-    remedy = f"{again}or accept it: `stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ...`"
+    command = f"stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ..."
+    known = still[-1].names_the_cure
+    remedy = message("or-accept-by", command=command) if known else message("again-or-accept-by", command=command)
     raise DataError(str(_folder(replayed)), expected=message("undoubted"), found=named, remedy=remedy)
 
 
@@ -233,11 +233,15 @@ def _require_all(replayed: Replayed) -> None:
     book = replayed.book
     whole = {(each.route.setup, each.number) for each in book.passes if each.whole}
     open_passes = {setup: [n for n in book.wanted() if (setup, n) not in whole] for setup in replayed.survey.plan.all_setups}
-    missing = "; ".join(f"{setup}: pass {', '.join(map(str, numbers))}" for setup, numbers in open_passes.items() if numbers)
+    missing = [
+        message("setup-passes", setup=setup, numbers=[str(number) for number in numbers])
+        for setup, numbers in open_passes.items()
+        if numbers
+    ]
     if not missing:
         return
     broken = [each for each in book.passes if not each.whole and each.number in book.wanted()]
-    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in broken)
+    why = joined([message("setup-pass-why", setup=each.route.setup, number=each.number, why=each.why_incomplete()) for each in broken])
     folder = str(_folder(replayed))
     raise DataError(folder, expected=message("every-pass"), found=message("missing", which=missing), remedy=why or message("drive-missing"))
 
@@ -253,7 +257,7 @@ def _text(replayed: Replayed, name: str) -> str:
     """Return a file that the survey names, from the log. Raises DataError where it is not there, or not UTF-8."""
     data = replayed.files.get(name)
     if data is None:
-        raise DataError(name, expected=message("named-in-log"), found="nothing")
+        raise DataError(name, expected=message("named-in-log"), found=message("nothing"))
     return as_text(data, name)
 
 

@@ -66,7 +66,7 @@ def export_of(written: ExportReport) -> Export:
 
 def harmed_in(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Return the findings about stretches in which files harm, of the findings of an export or of `verify`."""
-    return tuple(one.text for one in findings if one.code == STRETCH)
+    return tuple(str(one.words) for one in findings if one.code == STRETCH)
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:

@@ -65,7 +65,7 @@ def _say_what_hides(survey: "Survey") -> None:
     from stepdiag.completion.foreseen import hidden_slip
 
     for found in hidden_slip(survey):
-        structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=found.text)
+        structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=str(found.words))
 
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Words
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -46,7 +47,7 @@ class Standing:
     next_setup: str
     doubts: tuple[Doubt, ...]
     """What keeps passes open although they are in."""
-    unsolved: str
+    unsolved: Words
     """Why there is no result although every pass is in; empty where that is not so."""
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
@@ -55,8 +56,8 @@ class Standing:
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
-    disk: str
-    """The warning about the disk; empty while there is room."""
+    disk: Words
+    """What is to be said of the disk; empty while there is room."""
 
     @property
     def complete(self) -> bool:

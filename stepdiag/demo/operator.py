@@ -72,7 +72,7 @@ class Operator:
             self._asked = True
             standing = standing_of(self._survey)
             if standing.next_setup:
-                self._drive_again(standing.next_setup, "; ".join(doubt.text for doubt in standing.doubts))
+                self._drive_again(standing.next_setup, "; ".join(str(doubt.words) for doubt in standing.doubts))
 
     def _drive_again(self, setup: str, why: str) -> None:
         self._again += 1

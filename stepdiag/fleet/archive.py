@@ -20,7 +20,7 @@ from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
-from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table, table_of, to_parquet
+from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table, table_of, to_parquet
 
 FORMAT, VERSION = "stepdiag-archived", 1
 MOST_LOOSE = 50
@@ -53,7 +53,7 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 def undated(folder: Path) -> str:
     """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
     result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
-    return next((found.text for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
+    return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
 def add(folder: Path, store: Store) -> Added:
@@ -106,7 +106,7 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     gone = held - {place.folder for place in places}
     if len(loose) <= most_loose and not gone:
         return 0
-    points = points_of([(read_table(store, place), place.folder) for place in loose])
+    points = index_of([(read_table(store, place), place.folder) for place in loose])
     kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
     table = pa.concat_tables([*kept, points]).unify_dictionaries()
     store.write(INDEX, to_parquet(table))

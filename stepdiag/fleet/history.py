@@ -1,107 +1,353 @@
-"""What a store says of its machines over time: one DuckDB query over the index of points and over the surveys that are not in it yet."""
+"""What a store holds of its machines over time: every quantity of every survey, by machine, from the index and the tables beside it."""
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from itertools import pairwise
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from functools import cache
 from typing import Any, NamedTuple
 
-import duckdb
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import Message, message
+from stepdiag.comparing.alike import Standing, apart, same_volume
+from stepdiag.fleet.rows import LARGEST, RMS
 from stepdiag.fleet.store import INDEX, Place, Store
-from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table
+from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
 
-_QUERY = "SELECT * EXCLUDE (place) FROM ({sources}) ORDER BY machine, quantity, time, survey"
-
-
-class Point(NamedTuple):
-    """One quantity in one survey; ``u`` is None where none is stated, ``active`` are the hashes of the tables that were loaded."""
-
-    time: datetime
-    survey: str
-    value: float
-    u: float | None
-    event: str
-    active: tuple[str, ...]
-    software: str
+Array = NDArray[np.float64]
+EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
+"""No survey of this kind is older: a clock that was never set says 1970 or 1980."""
+AHEAD = timedelta(days=2)
+"""A clock may be in another time zone and slow; a survey from later than this is dated wrongly."""
+OF_VOLUME = (RMS, LARGEST)
+"""Quantities that mean something else in another volume."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides with what it is held against others."""
+
+    time: datetime
+    name: str
+    event: str = ""
+    active: tuple[str, ...] = ()
+    software: str = ""
+    standing: Standing = field(default_factory=Standing)
+
+
+class Point(NamedTuple):
+    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low`` and ``high`` NaN where it is even."""
+
+    survey: Survey
+    value: float
+    u: float | None
+    low: float
+    high: float
+
+    @property
+    def time(self) -> datetime:
+        """Return when the survey ended."""
+        return self.survey.time
+
+    def interval(self) -> tuple[float, float]:
+        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice where no uncertainty is stated."""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return self.low, self.high
+        expanded = 2 * (self.u or 0.0)
+        return abs(self.value) - expanded, abs(self.value) + expanded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """One quantity of one machine, oldest first."""
+    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys, nodes), NaN for what is not stated.
+
+    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what a person reads: value, u, low, high.
+    ``other`` is why these surveys stand beside the others of the machine, None for those that are held against one another.
+    """
 
     machine: str
     quantity: str
     unit: str
-    points: tuple[Point, ...]
+    surveys: tuple[Survey, ...]
+    nodes_mm: Array
+    values: Array
+    u: Array
+    common: Array
+    shown: Array
+    other: Message | None = None
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Return the figures as a person reads them."""
+        return tuple(map(self.point, range(len(self.surveys))))
+
+    def point(self, number: int) -> Point:
+        """Return one figure as a person reads it."""
+        value, u, low, high = self.shown[number].tolist()
+        return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
 
 
-def series_in(store: Store, machine: str = "", software: str = "") -> list[Series]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """A survey that no series holds, and why."""
+
+    machine: str
+    name: str
+    why: Message
+    damaged: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """Every series of a store, by machine and quantity, and what is left out."""
+
+    series: tuple[Series, ...]
+    left_out: tuple[LeftOut, ...]
+
+
+def history_in(store: Store, now: datetime, machine: str = "", software: str = "") -> History:
     """Return every quantity over time, by machine and name: of what was archived, or of what ``software`` solved anew.
 
-    Raises DataError where a table is damaged, and where there is nothing.
+    A table that is damaged is left out with its name. Raises DataError where there is nothing.
     """
-    wanted = [place for place in store.tables() if place.software == software and machine in ("", place.machine)]
+    places = store.tables()
+    wanted = [place for place in places if place.software == software and machine in ("", place.machine)]
     if not wanted:
         what = f"surveys of {machine or 'any machine'}" + (f" solved anew by {software}" if software else "")
-        known = sorted({place.machine for place in store.tables()})
+        known = sorted({place.machine for place in places})
         raise DataError(store.address, expected=what, found=f"none; known are {', '.join(known) or 'no machines'}")
-    with duckdb.connect() as connection:
-        connection.execute("SET TimeZone = 'UTC'")
-        sources = _sources(connection, store, wanted)
-        columns = connection.execute(_QUERY.format(sources=sources)).fetchnumpy()
-    return list(_grouped(columns))
+    table, damaged = _read(store, wanted, len(places))
+    found = history_of(table, now)
+    return replace(found, left_out=(*damaged, *found.left_out))
 
 
-def _sources(connection: duckdb.DuckDBPyConnection, store: Store, wanted: Sequence[Place]) -> str:
-    """Register what is read, and return it as SQL: the index where it holds some of what is wanted, the rest from its own tables."""
+def series_in(store: Store, now: datetime, machine: str = "", software: str = "") -> tuple[Series, ...]:
+    """Return the series of `history_in`."""
+    return history_in(store, now, machine, software).series
+
+
+def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table, list[LeftOut]]:
+    """Return the rows of what is wanted: the index where it holds them, the rest from its own tables; and the tables that are damaged."""
+    left_out: list[LeftOut] = []
     folders = {place.folder for place in wanted}
-    held: set[str] = set()
-    found = []
+    parts, held = [], set()
     if store.exists(INDEX):
-        index = read_index(store, len(store.tables()))
-        connection.register("everything", index)
-        rows = connection.execute("SELECT DISTINCT place FROM everything").fetchall()
-        held = folders & {row[0] for row in rows}
-        connection.register("chosen", pa.table({PLACE: sorted(held)}, schema=pa.schema([(PLACE, pa.string())])))
-        found.append("SELECT * FROM everything SEMI JOIN chosen USING (place)")
-    loose = [(read_table(store, place), place.folder) for place in wanted if place.folder not in held]
-    if loose:
-        connection.register("loose", points_of(loose))
-        found.append("SELECT * FROM loose")
-    return " UNION ALL ".join(found)
+        try:
+            index = read_index(store, surveys)
+        except DataError as error:
+            left_out.append(LeftOut(machine="", name=INDEX, why=error.message, damaged=True))
+        else:
+            codes = index[PLACE].combine_chunks()
+            names = codes.dictionary.to_pylist()
+            chosen = np.array([name in folders for name in names], dtype=bool)
+            held = folders & set(names)
+            parts.append(index if chosen.all() else index.filter(pa.array(chosen[codes.indices.to_numpy()])))
+    loose = []
+    for place in wanted:
+        if place.folder not in held:
+            try:
+                loose.append((read_table(store, place), place.folder))
+            except DataError as error:
+                left_out.append(LeftOut(machine=place.machine, name=place.table, why=error.message, damaged=True))
+    parts += [index_of(loose)] if loose or not parts else []
+    return pa.concat_tables(parts).unify_dictionaries().combine_chunks(), left_out
 
 
-def _grouped(columns: dict[str, Any]) -> Iterator[Series]:
-    """Yield the series of columns that are in their order; column by column, since there are hundreds of thousands of points."""
-    machine, quantity = columns["machine"], columns["quantity"]
-    times = columns["time"].astype("datetime64[us]").astype("int64").tolist()
-    moments = {time: datetime.fromtimestamp(time / 1e6, UTC) for time in set(times)}
-    cells = {name: _filled(columns[name]).tolist() for name in ("survey", "value", "u", "event", "conditions", "software", "unit")}
-    known = {words: _active(words) for words in set(cells["conditions"])}
-    points = list(
-        map(
-            Point, map(moments.__getitem__, times), cells["survey"], cells["value"], cells["u"], cells["event"],
-            map(known.__getitem__, cells["conditions"]), cells["software"],
-        )
-    )  # fmt: skip
-    begins = np.flatnonzero((machine[1:] != machine[:-1]) | (quantity[1:] != quantity[:-1])) + 1
-    for begin, end in pairwise([0, *begins.tolist(), len(points)]):
-        yield Series(machine=machine[begin], quantity=quantity[begin], unit=cells["unit"][begin], points=tuple(points[begin:end]))
+class _Columns:
+    """The columns of the index as arrays, its texts as numbers."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self.words: dict[str, list[str]] = {}
+        self.codes: dict[str, NDArray[np.int64]] = {}
+        for name in ("machine", "quantity", "unit", "survey", "event", "conditions", "software", PLACE):
+            column = table[name].combine_chunks()
+            self.words[name] = column.dictionary.to_pylist()
+            self.codes[name] = column.indices.to_numpy().astype(np.int64)
+        self.times = table["time"].cast(pa.int64()).to_numpy()
+        self.shown = np.column_stack([table[name].to_numpy() for name in ("value", "u", "low", "high")]).astype(float)
+        self.common = table["common"].to_numpy().astype(float)
+        self.lists = {name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")}
+        self.stated = cache(lambda code: _stated(self.words["conditions"][code]))
+
+    def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
+        """Return positions, values and uncertainties where all rows have the same nodes, shapes (nodes,) and (rows, nodes)."""
+        _, begins = self.lists["values"]
+        counts = begins[rows + 1] - begins[rows]
+        if np.any(counts != counts[0]):
+            return None
+        along = np.arange(counts[0])
+        values, us = (each[ends[rows][:, None] + along].astype(float) for each, ends in (self.lists["values"], self.lists["us"]))
+        places, ends = self.lists["positions"]
+        if ends[rows[0] + 1] == ends[rows[0]]:
+            return np.zeros(1), values, us
+        positions = places[ends[rows][:, None] + along].astype(float)
+        return (positions[0], values, us) if np.all(positions == positions[0]) else None
+
+    def lists_of(self, name: str, rows: NDArray[np.int64]) -> list[Array]:
+        """Return the numbers of each row."""
+        flat, begins = self.lists[name]
+        return [flat[begins[row] : begins[row + 1]].astype(float) for row in rows]
+
+    def of(self, name: str, row: int) -> str:
+        """Return the text in a row."""
+        return self.words[name][int(self.codes[name][row])]
 
 
-def _filled(column: Any) -> Any:
-    """Return a column with None where DuckDB masked a missing value."""
-    return column.astype(object).filled(None) if hasattr(column, "filled") else column
+def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the numbers of a column of lists, and where each list begins."""
+    return column.values.to_numpy(), column.offsets.to_numpy().astype(np.int64)
 
 
-def _active(conditions: str) -> tuple[str, ...]:
+def history_of(table: pa.Table, now: datetime) -> History:
+    """Return the series of a table of `INDEX_SCHEMA`, and what is left out of them."""
+    columns = _Columns(table)
+    rank = {name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")}
+    machine, quantity = (rank[name][columns.codes[name]] for name in ("machine", "quantity"))
+    order = np.lexsort((columns.codes[PLACE], columns.times, quantity, machine))
+    series: list[Series] = []
+    left_out: list[LeftOut] = []
+    for rows in np.split(order, np.flatnonzero(np.diff(machine[order])) + 1):
+        if len(rows):
+            name = columns.of("machine", rows[0])
+            groups, without = _parted(name, _surveys(columns, rows), now)
+            left_out += without
+            series += _of_machine(name, columns, rows, quantity, groups)
+    return History(series=tuple(series), left_out=tuple(left_out))
+
+
+def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
+    """Return the surveys of a machine by the number of their place, oldest first."""
+    places, firsts = np.unique(columns.codes[PLACE][rows], return_index=True)
+    found: dict[int, Survey] = {}
+    for place, row in sorted(zip(places.tolist(), rows[firsts].tolist(), strict=True), key=lambda each: (columns.times[each[1]], each[0])):
+        active, standing = columns.stated(int(columns.codes["conditions"][row]))
+        found[place] = Survey(
+            time=datetime.fromtimestamp(int(columns.times[row]) / 1e6, UTC), name=columns.of("survey", row),
+            event=columns.of("event", row), active=active, software=columns.of("software", row), standing=standing,
+        )  # fmt: skip
+    return found
+
+
+def _stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
+    """Return the hashes of the active tables and what the result says of itself; nothing for what is not there or of another type."""
     try:
-        found = json.loads(conditions).get("active", [])
+        stated = json.loads(conditions)
+        active = stated.get("active", [])
     except (ValueError, AttributeError, RecursionError):
-        return ()
-    return tuple(map(str, found)) if isinstance(found, list) else ()
+        return (), Standing()
+    usual = Standing()
+    known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
+    return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
+
+
+def _typed(value: Any, usual: Any) -> Any:
+    """Return a value where it is of the type of the usual one; a list becomes a tuple."""
+    if isinstance(usual, tuple):
+        return tuple(value) if isinstance(value, list) and all(isinstance(each, int | float | str) for each in value) else usual
+    return value if type(value) is type(usual) else usual
+
+
+Groups = list[tuple[dict[int, Survey], Message | None]]
+
+
+def _parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
+    """Return the surveys that are held against one another, the newest's first, and those that are left out."""
+    kept: dict[int, Survey] = {}
+    left_out = []
+    for key, each in surveys.items():
+        why = _doubt(each, now)
+        if why is None:
+            kept[key] = each
+        else:
+            left_out.append(LeftOut(machine=machine, name=each.name, why=why))
+    groups: Groups = []
+    while kept:
+        newest = next(reversed(kept.values()))
+        alike = {key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None}
+        main = next(iter(groups[0][0].values())).standing if groups else None
+        groups.append((alike, None if main is None else apart(main, newest.standing)))
+        kept = {key: each for key, each in kept.items() if key not in alike}
+    return groups, left_out
+
+
+def _doubt(survey: Survey, now: datetime) -> Message | None:
+    if survey.standing.errors:
+        return message("left-out-errors", codes=survey.standing.errors)
+    if survey.standing.undated or not EARLIEST <= survey.time <= now + AHEAD:
+        return message("left-out-clock", day=survey.time.date().isoformat())
+    return None
+
+
+def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quantity: NDArray[np.int64], groups: Groups) -> Iterator[Series]:
+    """Yield the series of a machine by name of the quantity."""
+    place = columns.codes[PLACE]
+    inside = [np.isin(place[rows], list(surveys)) for surveys, _ in groups]
+    for mine in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(quantity[rows])) + 1):
+        for (surveys, why), held in zip(groups, inside, strict=True):
+            chosen = rows[mine[held[mine]]]
+            if len(chosen):
+                whole = _series(machine, columns, chosen, tuple(map(surveys.__getitem__, place[chosen].tolist())), why)
+                yield from _by_volume(whole) if whole.quantity in OF_VOLUME else (whole,)
+
+
+def _by_volume(series: Series) -> Iterator[Series]:
+    """Yield a figure of the volume over each volume by itself, the newest's first."""
+    left = list(range(len(series.surveys)))
+    newest = series.surveys[-1].standing
+    while left:
+        last = series.surveys[left[-1]].standing
+        alike = [number for number in left if _volume_alike(series.surveys[number].standing, last)]
+        other = series.other if last is newest else message("differs-volume")
+        yield series if len(alike) == len(series.surveys) else replace(
+            series, surveys=tuple(series.surveys[number] for number in alike), values=series.values[alike], u=series.u[alike],
+            common=series.common[alike], shown=series.shown[alike], other=other,
+        )  # fmt: skip
+        left = [number for number in left if number not in alike]
+
+
+def _volume_alike(one: Standing, other: Standing) -> bool:
+    return not one.volume_mm or not other.volume_mm or same_volume(one, other)
+
+
+def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:
+    """Return one quantity of surveys that are held against one another, at the nodes that all of them have."""
+    shown = columns.shown[rows]
+    alike = columns.nodes(rows)
+    nodes, at, u = alike or _at_common_nodes(*(columns.lists_of(name, rows) for name in ("positions", "values", "us")))
+    if len(nodes) == 1:
+        middle = shown[:, 2:].mean(axis=1)
+        at = np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
+    return Series(
+        machine=machine, quantity=columns.of("quantity", rows[0]), unit=columns.of("unit", rows[0]), surveys=surveys, nodes_mm=nodes,
+        values=at, u=u, common=columns.common[rows], shown=shown, other=why,
+    )  # fmt: skip
+
+
+def _at_common_nodes(positions: list[Array], values: list[Array], us: list[Array]) -> tuple[Array, Array, Array]:
+    """Return a function at the nodes of its coarsest survey that all others cover: what lies between its nodes that one does not know.
+
+    Relative to the line through its ends there: surveys over other parts of the travel have another zero and another line.
+    """
+    low, high = max(each[0] for each in positions), min(each[-1] for each in positions)
+    coarsest = min(positions, key=len)
+    nodes = coarsest[(coarsest >= low - ALMOST_MM) & (coarsest <= high + ALMOST_MM)]
+    if len(nodes) < 2:
+        nothing = np.full((len(positions), 1), np.nan)
+        return np.zeros(1), nothing, nothing
+    at = np.stack([np.interp(nodes, each, value) for each, value in zip(positions, values, strict=True)])
+    u = np.stack([np.interp(nodes, each, value) for each, value in zip(positions, us, strict=True)])
+    same_ends = all(np.allclose(each[[0, -1]], positions[0][[0, -1]], atol=ALMOST_MM) for each in positions)
+    if not same_ends:
+        along = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
+        at = at - at[:, :1] - (at[:, -1:] - at[:, :1]) * along
+        u = np.sqrt(u**2 + (u[:, :1] * (1 - along)) ** 2 + (u[:, -1:] * along) ** 2)
+    return nodes, at, u
+
+
+ALMOST_MM = 0.01
+"""Nodes nearer than this are one."""

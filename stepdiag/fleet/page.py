@@ -1,6 +1,8 @@
-"""The page of a fleet: the sheet of `report`, made anew at every visit, on this computer by default."""
+"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
+from functools import cache
+from threading import Lock
 
 import uvicorn
 from starlette.applications import Starlette
@@ -10,11 +12,13 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
+from stepdiag.fleet.history import LeftOut
 from stepdiag.fleet.report import fleet_html
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
 from stepdiag.texts.texts import LANGUAGES, Language
 
+Found = tuple[Sequence[Trend], Sequence[LeftOut]]
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -24,34 +28,61 @@ HEADERS = {
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
-def create_app(trends: Callable[[], list[Trend]], source: str, language: Language, names: tuple[str, ...] = LOOPBACK) -> Starlette:
-    """Return the page; ``trends`` is asked at every visit, ``names`` are those it answers to (DNS rebinding)."""
+class Sheets:
+    """What the page shows, computed once for all visitors until the store changes."""
 
-    def answering(make: Callable[[Request, list[Trend]], Response]) -> Callable[[Request], object]:
+    def __init__(self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str) -> None:
+        """``state`` is another one after every change of the store; ``trends`` reads it."""
+        self._state, self._trends, self._source = state, trends, source
+        self._lock = Lock()
+        self._of: Hashable = None
+        self._found: Found = ((), ())
+        self._sheet: Callable[[Language], str] = lambda _: ""
+
+    def found(self) -> Found:
+        """Return the trends. Raises what reading the store raises."""
+        with self._lock:
+            state = self._state()
+            if state != self._of:
+                found = self._trends()
+                self._of, self._found = state, found
+                self._sheet = cache(lambda language: fleet_html(found[0], self._source, language, found[1]))
+            return self._found
+
+    def sheet(self, language: Language) -> str:
+        """Return the sheet in a language."""
+        self.found()
+        with self._lock:
+            return self._sheet(language)
+
+
+def create_app(sheets: Sheets, language: Language, names: tuple[str, ...] = LOOPBACK) -> Starlette:
+    """Return the page; ``names`` are those it answers to (DNS rebinding)."""
+
+    def answering(make: Callable[[Request], Response]) -> Callable[[Request], object]:
         async def answer(request: Request) -> Response:
             host = request.headers.get("host", "")
             name = host if host.endswith("]") else host.rpartition(":")[0] or host
             if name.lower() not in names:
                 return _plain("this page does not answer to that name", 421)
             try:
-                found = await run_in_threadpool(trends)
+                made = await run_in_threadpool(make, request)
             except StepdiagError as error:
                 return _plain(str(error), 404 if isinstance(error, DataError) else 503)
-            made = make(request, found)
             made.headers.update(HEADERS)
             return made
 
         return answer
 
-    def sheet(request: Request, found: list[Trend]) -> Response:
+    def sheet(request: Request) -> Response:
         asked = next((each for each in LANGUAGES if each == request.query_params.get("language")), language)
-        return HTMLResponse(fleet_html(found, source, asked))
+        return HTMLResponse(sheets.sheet(asked))
 
     return Starlette(
         routes=[
             Route("/", answering(sheet)),
-            Route("/trend.json", answering(lambda _, found: JSONResponse(as_json(found)))),
-            Route("/trend.csv", answering(lambda _, found: PlainTextResponse(as_csv(found), media_type="text/csv"))),
+            Route("/trend.json", answering(lambda _: JSONResponse(as_json(*sheets.found())))),
+            Route("/trend.csv", answering(lambda _: PlainTextResponse(as_csv(sheets.found()[0]), media_type="text/csv"))),
         ]
     )
 

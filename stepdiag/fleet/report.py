@@ -1,13 +1,15 @@
 """All machines of a store on one sheet of HTML: one small multiple a machine, worst first; nothing is loaded from elsewhere."""
 
+import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from html import escape
 
-from stepdiag.fleet.history import Point
+from stepdiag.base.messages import rendered
+from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.terminal import as_csv
-from stepdiag.fleet.trend import Trend, already_perhaps, severity
+from stepdiag.fleet.trend import Trend, already_perhaps, day, rank, statements
 from stepdiag.report.drawings import svg
 from stepdiag.report.drawings.figure import data_link
 from stepdiag.texts.texts import Language, catalogue, localised
@@ -29,18 +31,19 @@ svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 
 
 def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
-    """Return the machines with their series, the worst volumetric error first; equal ones by name."""
+    """Return the machines with their series: those outside a tolerance first, then by volumetric error; equal ones by name."""
     machines: dict[str, list[Trend]] = {}
     for each in trends:
         machines.setdefault(each.series.machine, []).append(each)
-    return sorted(machines.items(), key=lambda item: (-_worst(item[1]), item[0]))
+    ranked = sorted(machines.items())
+    return sorted(ranked, key=lambda item: _worst(item[1]), reverse=True)
 
 
-def fleet_html(trends: Sequence[Trend], source: str, language: Language) -> str:
+def fleet_html(trends: Sequence[Trend], source: str, language: Language, left_out: Sequence[LeftOut] = ()) -> str:
     """Return the sheet. ``source`` names the store."""
     words = catalogue("fleet", language)
     machines = worst_first(trends)
-    times = [point.time for each in trends for point in each.series.points]
+    times = [each.series.surveys[at].time for each in trends for at in (0, -1)]
     span = (min(times), max(times))
     cards = "".join(_card(machine, each, span, words, language) for machine, each in machines)
     title = escape(words["title"])
@@ -48,43 +51,51 @@ def fleet_html(trends: Sequence[Trend], source: str, language: Language) -> str:
         f'<!doctype html><html lang="{language}"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>"
         f"<p>{escape(source)}: {len(machines)} {escape(words['machines'])}. "
-        f"{escape(words['reading'])}</p><main>{cards}</main></body></html>\n"
+        f"{escape(words['reading'])}</p>{_left_out(left_out, words, language)}<main>{cards}</main></body></html>\n"
     )
 
 
-def _worst(trends: Sequence[Trend]) -> float:
-    judged = (
-        [each for each in trends if each.tolerance is not None] or [each for each in trends if each.series.quantity == RMS] or list(trends)
+def _left_out(left_out: Sequence[LeftOut], words: Mapping[str, str], language: Language) -> str:
+    """Return which surveys no series holds, and why."""
+    if not left_out:
+        return ""
+    rows = "".join(
+        f"<li>{escape(' '.join(filter(None, (each.machine, each.name))))}: {escape(rendered(each.why, language))}</li>" for each in left_out
     )
-    return max(map(severity, judged))
+    return f"<details open><summary>{escape(words['left_out'])}: {len(left_out)}</summary><ul>{rows}</ul></details>"
+
+
+def _worst(trends: Sequence[Trend]) -> tuple[int, float]:
+    ours = [each for each in trends if each.series.other is None]
+    judged = [each for each in ours if each.tolerance is not None] or [each for each in ours if each.series.quantity == RMS] or list(trends)
+    return max(map(rank, judged))
 
 
 def _card(machine: str, trends: Sequence[Trend], span: tuple[datetime, datetime], words: Mapping[str, str], language: Language) -> str:
     shown = next((each for each in trends if each.series.quantity == RMS), trends[0])
     states = {each.outside for each in trends}
     state = next((each for each in ("yes", "perhaps") if each in states), "no")
-    changes = [line for each in trends for line in _changes(each, words)]
-    listed = "".join(f"<li>{escape(localised(line, language))}</li>" for line in changes) or f"<li>{escape(words['unchanged'])}</li>"
+    lines = [line for each in trends for line in _lines(each, words, language)]
+    listed = "".join(f"<li>{escape(line)}</li>" for line in lines) or f"<li>{escape(words['unchanged'])}</li>"
     table = f'<a download="trend.csv" href="{data_link(as_csv([shown]))}">CSV</a>'
     return f'<article class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words, language)}{table}<ul>{listed}</ul></article>'
 
 
-def _changes(trend: Trend, words: Mapping[str, str]) -> list[str]:
-    """Return what stands below the picture: the last step, the line, the date."""
-    name, unit, found = trend.series.quantity, trend.series.unit, []
-    if trend.steps:
-        step = trend.steps[-1]
-        after = f" ({step.after})" if step.after else ""
-        found.append(f"{name}: {step.change:+.1f} {unit}, U {step.expanded:.1f}, {words['since']} {step.since.date()}{after}")
-    if trend.line is not None:
-        found.append(f"{name}: {trend.line.slope:+.1f} ± {trend.line.expanded:.1f} {unit} {words['a_year']}")
+def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
+    """Return what stands below the picture: what changed, what is not decidable, where the tolerance is left."""
+    unit = trend.series.unit
+    name = trend.series.quantity
+    if trend.series.other is not None:
+        name = f"{name} ({rendered(trend.series.other, language)})"
+    many = trend.verdict != "unchanged" and (trend.verdict == "changed" or len(trend.series.surveys) > 1)
+    found = [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
     if trend.outside == "yes":
-        found.append(f"{name}: {words['outside']} {trend.tolerance:g} {unit}")
+        found.append(localised(f"{name}: {words['outside']} {trend.tolerance:g} {unit}", language))
     elif already_perhaps(trend):
-        found.append(f"{name}: {words['perhaps']} {trend.tolerance:g} {unit}")
+        found.append(localised(f"{name}: {words['perhaps']} {trend.tolerance:g} {unit}", language))
     elif trend.leaving is not None and trend.leaving.likely is not None:
-        edges = [words["never"] if at is None else str(at.date()) for at in (trend.leaving.earliest, trend.leaving.latest)]
-        found.append(f"{name}: {words['leaves']} {trend.leaving.likely.date()} ({edges[0]} – {edges[1]})")
+        edges = [words["never"] if at is None else day(at) for at in (trend.leaving.earliest, trend.leaving.latest)]
+        found.append(f"{name}: {words['leaves']} {day(trend.leaving.likely)} ({edges[0]} – {edges[1]})")
     return found
 
 
@@ -102,12 +113,10 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
     def rule(y_px: float, kind: str) -> str:
         return svg.element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=y_px, y2=y_px, class_=kind)
 
-    marks = [
-        svg.element("line", x1=x(p.time), x2=x(p.time), y1=y(p.value - 2 * p.u), y2=y(p.value + 2 * p.u), class_="band")
-        for p in points
-        if p.u is not None
-    ]
-    steps = [svg.element("line", x1=x(s.since), x2=x(s.since), y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for s in trend.steps]
+    bands = [(x(point.time), *map(y, _band(point))) for point in points if point.u is not None]
+    marks = [svg.element("line", x1=at, x2=at, y1=low_y, y2=high_y, class_="band") for at, low_y, high_y in bands]
+    begun = [x(points[step.at].time) for step in trend.steps]
+    steps = [svg.element("line", x1=at, x2=at, y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for at in begun]
     dots = [svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot") for point in points]
     values = [svg.titled(_value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX) for point in points]
     line = svg.element("path", d=svg.path((x(point.time), y(point.value)) for point in points), class_="line")
@@ -121,11 +130,21 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
 def _value(trend: Trend, point: Point, language: Language) -> str:
     """Return what a pointer finds at a survey: its day and name, its figure with U."""
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
+    if math.isfinite(point.low):
+        expanded = f" ({svg.fixed(point.low)} – {svg.fixed(point.high)})"
     figure = localised(f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {trend.series.unit}", language)
-    return f"{point.time.date()}, {point.survey}: {figure}"
+    return f"{day(point.time)}, {point.survey.name}: {figure}"
+
+
+def _band(point: Point) -> tuple[float, float]:
+    """Return the ends of a figure at k = 2."""
+    if math.isfinite(point.low):
+        return point.low, point.high
+    expanded = 2 * (point.u or 0.0)
+    return point.value - expanded, point.value + expanded
 
 
 def _range(points: Sequence[Point], tolerance: float | None) -> tuple[float, float]:
-    edges = [point.value + sign * 2 * (point.u or 0.0) for point in points for sign in (-1, 1)]
+    edges = [edge for point in points for edge in _band(point)]
     low, high = min(0.0, *edges), max(0.0, *edges, tolerance or 0.0)
     return low, high if high > low else low + 1.0

@@ -27,20 +27,22 @@ from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store
+from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store, sha256
 from stepdiag.fleet.tables import table_of, to_parquet
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
 RETRIES = 3
 """How often a survey is begun anew when its worker is lost or the store is away for a moment."""
+ROUNDING = 0.002
+"""The same readings give the same figure; more than this (um, urad, um/m) is more than its last written digit."""
 WORKER_MEMORY = "2GB"
 PATIENCE_S = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """What came of one survey; ``changed`` says what is now different by more than its U, ``reason`` why there is no result, or by which
+    """What came of one survey; ``changed`` holds what is another figure now, ``reason`` why there is no result, or by which
     survey file there is one."""
 
     place: Place
@@ -135,26 +137,29 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
-    """Write the new result and its numbers; return what changed by more than its U."""
+    """Write the new result and its numbers; return which figures are others now, beyond rounding: the readings are the same."""
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
     store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after)))))
     found = compare(parse_result(old, RESULT), after).changes
     return tuple(
-        f"{each.name} by {each.difference:+.2f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
+        f"{each.name} by {each.difference:+.3f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
         for each in found
-        if each.significant and each.difference is not None
+        if each.difference is not None and abs(each.difference) > ROUNDING
     )
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
     """Copy logs and words of a survey out of the store."""
-    names = [name for name in store.files_of(place) if name.endswith(".mcap") or name in WORDS]
+    archived = store.files_of(place)
     folder.mkdir()
-    for name in names:
-        if "/" not in name:
-            (folder / name).write_bytes(store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES))
+    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in WORDS)):
+        data = store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES)
+        if sha256(data) != archived[name]:
+            remedy = "archive the survey again from its own folder"
+            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=sha256(data), remedy=remedy)
+        (folder / name).write_bytes(data)
     return folder
 
 

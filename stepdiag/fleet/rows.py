@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,6 +11,7 @@ from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Conditions, Facts
 from stepdiag.base.result.result import Function, Result
 from stepdiag.base.result.typed import written
+from stepdiag.comparing.alike import common_share, standing_of
 from stepdiag.conclusion.intervals import reach_in
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
@@ -21,7 +22,11 @@ _MOMENT = "%Y-%m-%d %H:%M UTC"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One number of a result. ``axis`` is the one that moves, empty for a squareness; ``u`` is at ``k`` = 1, None where none is stated."""
+    """One number of a result. ``axis`` is the one that moves, empty for a squareness; ``u`` is at ``k`` = 1, None where none is stated.
+
+    ``u_common`` is the part of ``u`` that all surveys by the same instruments share. ``low`` and ``high`` are the ends (k = 2) of a figure
+    whose interval is skewed: ``u`` is a quarter of its width then.
+    """
 
     quantity: str
     axis: str
@@ -30,6 +35,9 @@ class Row:
     u: float | None
     unit: str
     k: int = 1
+    u_common: float | None = None
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,25 +66,37 @@ def about(result: Result, survey: str) -> About:
 
 def rows_of(result: Result) -> Iterator[Row]:
     """Yield every number that the result identifies: functions, squareness, scale, volumetric error."""
+
+    def common(name: str, u: float | None) -> float | None:
+        return None if u is None else u * common_share(result.budget, name, same_instruments=True)
+
     for name, function in result.errors.items():
-        yield from _function(name, function)
+        if function.value is None:
+            continue
+        values = zip(function.position_mm.tolist(), function.value.tolist(), _listed(function), strict=True)
+        for at, value, u in values:
+            yield Row(quantity=name, axis=name[2], position_mm=at, value=value, u=u, unit=function.unit, u_common=common(name, u))
     for name, number in result.squareness.items():
         if number.value is not None:
-            yield Row(quantity=name, axis="", position_mm=None, value=number.value, u=number.u, unit=number.unit)
+            yield Row(
+                quantity=name, axis="", position_mm=None, value=number.value, u=number.u, unit=number.unit, u_common=common(name, number.u)
+            )
     for axis, scale in result.scale.items():
         if scale.identified and scale.value is not None:
-            yield Row(quantity=f"{SCALE}{axis}", axis=axis, position_mm=None, value=scale.value, u=scale.u, unit=scale.unit)
+            yield Row(
+                quantity=f"{SCALE}{axis}", axis=axis, position_mm=None, value=scale.value, u=scale.u, unit=scale.unit,
+                u_common=common(axis, scale.u),
+            )  # fmt: skip
     reach = reach_in(result)
     for name, interval in ((RMS, reach.rms_before), (LARGEST, reach.largest_before)):
-        yield Row(quantity=name, axis="", position_mm=None, value=interval.value_um, u=_u_um(interval), unit="um")
+        yield Row(
+            quantity=name, axis="", position_mm=None, value=interval.value_um, u=_u_um(interval), unit="um",
+            low=interval.low_um, high=interval.high_um,
+        )  # fmt: skip
 
 
-def _function(name: str, function: Function) -> Iterator[Row]:
-    if function.value is None:
-        return
-    u = [None] * len(function.value) if function.u is None else function.u.tolist()
-    for at, value, each in zip(function.position_mm.tolist(), function.value.tolist(), u, strict=True):
-        yield Row(quantity=name, axis=name[2], position_mm=at, value=value, u=each, unit=function.unit)
+def _listed(function: Function) -> list[float | None]:
+    return [None] * len(function.position_mm) if function.u is None else function.u.tolist()
 
 
 def _u_um(interval: Interval) -> float | None:
@@ -94,6 +114,6 @@ def _time(facts: Facts, source: str) -> datetime:
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
-    """Return the sensors' extremes and what compensation was active, by the beginning of its hashes."""
+    """Return the sensors' extremes, what compensation was active, by the beginning of its hashes, and what the result compares with."""
     hashes = sorted(each.sha256[:12] for each in facts.active_files)
-    return {"sensors": written(result.conditions or Conditions()), "compensation": facts.compensation or "", "active": hashes}
+    return {"sensors": written(result.conditions or Conditions()), "active": hashes, **asdict(standing_of(result))}

@@ -4,7 +4,7 @@
     machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in archived.json
     machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is not there
     machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
-    points.parquet                                 what each quantity came to in each survey, in one file, for speed; made again at any time
+    series.parquet                                 every quantity of every survey, in one file, for speed; made again at any time
 
 Two writers at once do not meet: they write under names of their own, and rename. Names of machines are percent-encoded.
 """
@@ -29,7 +29,7 @@ from stepdiag.base.part import part_of, sync_folder, write_through
 from stepdiag.daq.records.survey_folder import RESULT
 
 FORMAT, VERSION = "stepdiag-store", 1
-MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"
+MARK, INDEX, LISTED = "stepdiag-store.json", "series.parquet", "archived.json"
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 16_000_000
 LARGEST_LOG_BYTES = 1_000_000_000
@@ -120,6 +120,14 @@ class Store:
             remedy = "nothing in a store is ever overwritten; see who wrote it"
             raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or "a damaged file", remedy=remedy)
         return there
+
+    def state(self) -> tuple[object, ...]:
+        """Return something that is another after every change: which surveys are there, and when index and tolerances were written."""
+        stamps = []
+        for name in (INDEX, "tolerances.toml"):
+            with refusing(name):
+                stamps.append(self._files.modified(self.path(name)) if self._files.exists(self.path(name)) else None)
+        return (tuple(self.tables()), *stamps)
 
     def tables(self) -> list[Place]:
         """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""

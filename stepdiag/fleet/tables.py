@@ -1,16 +1,17 @@
-"""The rows of one result as a Parquet file, and the points of many: long format, texts that repeat stored once, zstd.
+"""The rows of one result as a Parquet file, and the index of many: texts that repeat stored once, zstd.
 
-A point is what a quantity comes to in one survey. A function stands for itself by its range, with the uncertainty of the difference of its
-extremes; a number is itself.
+A row of the index is one quantity in one survey: its nodes in three lists, and the one figure that a table shows. A function is shown by
+its range, with the uncertainty of the difference of its extremes; a number is itself.
 """
 
 import io
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from datetime import UTC, datetime
 
-import duckdb
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -20,7 +21,8 @@ from stepdiag.base.files import LARGEST_BYTES
 from stepdiag.fleet.rows import About, Row
 from stepdiag.fleet.store import INDEX, Place, Store
 
-VERSION = "1"
+VERSION, OLDEST = "2", "1"
+"""Tables of version 1 lack the columns from `u_common` on."""
 _MARK = b"stepdiag-rows"
 _WORD = pa.dictionary(pa.int32(), pa.string())
 SCHEMA = pa.schema(
@@ -28,32 +30,30 @@ SCHEMA = pa.schema(
         ("machine", _WORD), ("survey", _WORD), ("time", pa.timestamp("us", tz="UTC")), ("event", _WORD),
         ("quantity", _WORD), ("axis", _WORD), ("position_mm", pa.float64()), ("value", pa.float64()), ("u", pa.float64()),
         ("k", pa.int8()), ("unit", _WORD), ("method", _WORD), ("software", _WORD), ("conditions", _WORD),
+        ("u_common", pa.float64()), ("low", pa.float64()), ("high", pa.float64()),
     ]
 )  # fmt: skip
 COLUMNS = tuple(SCHEMA.names)
 PLACE = "place"
 """The column behind the others of a point: the folder of the survey that it is of."""
-POINTS = pa.schema(
-    [SCHEMA.field(name) for name in ("machine", "quantity", "unit", "survey", "time", "event", "conditions", "software", "value", "u")]
-)
-INDEX_SCHEMA = POINTS.append(pa.field(PLACE, _WORD))
+_LIST = pa.list_(pa.float32())
+_OF_SURVEY = ("survey", "time", "event", "conditions", "software")
+INDEX_SCHEMA = pa.schema(
+    [
+        *(SCHEMA.field(name) for name in ("machine", "quantity", "unit", *_OF_SURVEY, "value", "u", "low", "high")),
+        ("common", pa.float32()), ("positions", _LIST), ("values", _LIST), ("us", _LIST), (PLACE, _WORD),
+    ]
+)  # fmt: skip
+"""``value``, ``u``, ``low``, ``high``: what a table shows; ``common``: the share of u that surveys by the same instruments share."""
 MOST_ROWS = 300_000
 """A survey of every kind of setup has a few thousand, one axis alone at most as many as it may have readings."""
 MOST_POINTS_A_SURVEY = 100
 """A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26 quantities."""
-LARGEST_POINT_BYTES = 1000
-"""The conditions of a survey stand beside each of its points."""
+LARGEST_POINT_BYTES = 4000
+"""The conditions of a survey stand beside each of its points, and the nodes of a function: three numbers each."""
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999))
 _REMEDY = "remove it: an index is made again by the next `archive add`, a survey's numbers by archiving it again"
-_POINTS_QUERY = """
-SELECT machine, quantity, any_value(unit) AS unit, survey, time, any_value(event) AS event, any_value(conditions) AS conditions,
-       any_value(software) AS software,
-       CASE WHEN count(position_mm) > 0 THEN max(value) - min(value) ELSE any_value(value) END AS value,
-       CASE WHEN count(position_mm) > 0 THEN sqrt(pow(arg_max(u, value), 2) + pow(arg_min(u, value), 2)) ELSE any_value(u) END AS u,
-       place
-FROM rows GROUP BY machine, quantity, survey, time, place ORDER BY machine, quantity, time, survey
-"""
 
 
 def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
@@ -63,20 +63,37 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
     return pa.table({name: (shared | own)[name] for name in COLUMNS}, schema=SCHEMA)
 
 
-def points_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
-    """Return the points of results as a table of `INDEX_SCHEMA`; each table of rows comes with the folder of its survey."""
-    if not tables:
-        return INDEX_SCHEMA.empty_table()
-    placed = [
-        table.append_column(PLACE, pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([folder])))
-        for table, folder in tables
-    ]
-    with duckdb.connect() as connection:
-        connection.execute("SET TimeZone = 'UTC'")
-        connection.register("rows", pa.concat_tables(placed).unify_dictionaries())
-        found = connection.sql(_POINTS_QUERY).to_arrow_table()
-    columns = [found[each.name].cast(pa.string()).dictionary_encode() if each.type == _WORD else found[each.name] for each in INDEX_SCHEMA]
-    return pa.table(columns, names=INDEX_SCHEMA.names).cast(INDEX_SCHEMA)
+def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
+    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows comes with the folder of its survey."""
+    found = [row for table, folder in tables for row in _quantities(table, folder)]
+    return pa.table({name: [row[name] for row in found] for name in INDEX_SCHEMA.names}, schema=INDEX_SCHEMA)
+
+
+def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
+    """Yield the rows of the index of one survey."""
+    columns = table.to_pydict()
+    places: dict[str, list[int]] = {}
+    for at, quantity in enumerate(columns["quantity"]):
+        places.setdefault(quantity, []).append(at)
+    for quantity, rows in places.items():
+        first = rows[0]
+        values, us = ([columns[name][at] for at in rows] for name in ("value", "u"))
+        shared = {name: columns[name][first] for name in ("machine", "unit", *_OF_SURVEY)}
+        known = [(columns["u_common"][at] or 0.0) / u for at, u in zip(rows, us, strict=True) if u]
+        function = columns["position_mm"][first] is not None
+        value, u = _shown(values, us) if function else (values[0], us[0])
+        yield shared | {
+            "quantity": quantity, "value": value, "u": u, "low": columns["low"][first], "high": columns["high"][first],
+            "common": max(known, default=0.0), "positions": [columns["position_mm"][at] for at in rows] if function else [],
+            "values": values, "us": [math.nan if each is None else each for each in us], PLACE: folder,
+        }  # fmt: skip
+
+
+def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, float | None]:
+    """Return the range of a function and the uncertainty of the difference of its extremes."""
+    low, high = int(np.argmin(values)), int(np.argmax(values))
+    one, other = us[low], us[high]
+    return values[high] - values[low], None if one is None or other is None else math.hypot(one, other)
 
 
 def to_parquet(table: pa.Table) -> bytes:
@@ -113,6 +130,8 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
         _require_ours(metadata, name, schema)
         _require_small(metadata, name, most_rows, largest)
         table = pq.ParquetFile(io.BytesIO(data), read_dictionary=[field.name for field in schema if field.type == _WORD]).read()
+        for lacking in schema.names[len(table.schema.names) :]:
+            table = table.append_column(schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type))
         if table.schema.types != schema.types:
             raise DataError(name, expected=f"columns {_described(schema)}", found=_described(table.schema), remedy=_REMEDY)
     _require_values(table, name)
@@ -121,7 +140,8 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
 
 def _require_ours(metadata: pq.FileMetaData, name: str, schema: pa.Schema) -> None:
     marked = (metadata.metadata or {}).get(_MARK, b"").decode("ascii", "replace")
-    if marked != VERSION or metadata.schema.names != schema.names:
+    names = schema.names[: schema.names.index("u_common")] if marked == OLDEST and "u_common" in schema.names else schema.names
+    if marked not in (VERSION, OLDEST) or metadata.schema.to_arrow_schema().names != names:
         remedy = "a newer stepdiag reads it" if marked.isdecimal() and int(marked) > int(VERSION) else "remove it from the store"
         raise DataError(name, expected=f"rows of version {VERSION}", found=f"version {marked or 'none'}", remedy=remedy)
 
@@ -138,13 +158,24 @@ def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest
 def _require_values(table: pa.Table, name: str) -> None:
     """Raise DataError for a row with nothing, or with a number or a time, that no result has."""
     wrong = [column for column in _REQUIRED if column in table.column_names and table[column].null_count]
-    wrong += [column for column in ("value", "u") if not _all(pc.is_finite(table[column]))]
-    if not _all(pc.greater_equal(table["u"], 0.0)):
-        wrong.append("u")
+    numbers = {name: table[name] for name in ("value", "u", "u_common", "low", "high", "common") if name in table.column_names}
+    lists = {name: table[name] for name in ("positions", "values", "us") if name in table.column_names}
+    numbers |= {name: pc.list_flatten(each) for name, each in lists.items() if name != "us"}
+    wrong += [name for name, each in numbers.items() if not _all(pc.is_finite(each))]
+    wrong += [name for name in ("u", "u_common", "common") if name in numbers and not _all(pc.greater_equal(numbers[name], 0.0))]
+    if lists and (any(each.null_count for each in lists.values()) or not _as_long(lists)):
+        wrong += list(lists)
     if not _all(pc.and_(pc.greater_equal(table["time"], _EARLIEST), pc.less(table["time"], _LATEST))):
         wrong.append("time")
     if wrong:
         raise DataError(name, expected="values that a result has", found=f"others in {', '.join(dict.fromkeys(wrong))}", remedy=_REMEDY)
+
+
+def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
+    """Return whether every quantity has as many uncertainties as values, and as many positions or none."""
+    positions, values, us = (pc.list_value_length(lists[name]) for name in ("positions", "values", "us"))
+    nodes = pc.or_(pc.equal(positions, values), pc.and_(pc.equal(positions, 0), pc.equal(values, 1)))
+    return _all(pc.and_(pc.and_(pc.equal(values, us), pc.greater(values, 0)), nodes))
 
 
 def _all(holds: pa.ChunkedArray) -> bool:

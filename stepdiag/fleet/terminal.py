@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any
@@ -9,31 +10,44 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag.fleet.trend import Leaving, Trend, already_perhaps
+from stepdiag.base.messages import rendered
+from stepdiag.comparing.evolution import Course
+from stepdiag.fleet.history import LeftOut, Point
+from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
 
-HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "event", "software")
+HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "low", "high", "event", "software", "apart")
 
 
-def trend_table(trends: Sequence[Trend]) -> Table:
-    """Return one row a series: the last figure with its U, since when it is so, where it goes."""
-    table = Table(title="trend")
-    for column in ("machine", "quantity", "last", "U (k = 2)", "unit", "surveys", "changed last", "a year", "leaves tolerance"):
-        table.add_column(column, justify="right" if column in {"last", "U (k = 2)", "surveys", "a year"} else "left")
-    for each in trends:
-        last = each.last
-        expanded = "-" if last.u is None else f"{2 * last.u:.2f}"
-        words = (each.series.machine, each.series.quantity, f"{last.value:.2f}", expanded, each.series.unit, str(len(each.series.points)))
-        table.add_row(*map(Text, (*words, changed(each), _slope(each), leaves(each))), style="bold" if each.outside == "yes" else "")
+def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
+    """Return one row a series: the last figure with its U, what became of it, when it leaves its tolerance.
+
+    Not ``whole``: every machine's volumetric error, and what is not unchanged; the caption counts the others.
+    """
+    rows = trends if whole else [each for each in trends if _worth_a_row(each)]
+    caption = None if len(rows) == len(trends) else f"{len(trends) - len(rows)} more are unchanged (--machine, --csv and --json show all)"
+    table = Table(title="trend", caption=caption)
+    for column in ("machine", "quantity", "last (k = 2)", "surveys", "what became of it", "tolerance"):
+        table.add_column(column, justify="right" if column == "surveys" else "left")
+    for each in rows:
+        series = each.series
+        name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
+        words = "; ".join(rendered(one, "en") for one in statements(each))
+        cells = (series.machine, name, _figure(each.last, series.unit), str(len(series.surveys)), words, leaves(each))
+        table.add_row(*map(Text, cells), style="bold" if each.outside == "yes" else "")
     return table
 
 
-def changed(trend: Trend) -> str:
-    """Return the last step in words: since when, by how much, after what; what is not more than its uncertainty is no change."""
-    if not trend.steps:
-        return f"steadily since {day(trend.line.begins)}" if trend.line is not None else "not more than its uncertainty"
-    step = trend.steps[-1]
-    after = f", after: {step.after}" if step.after else ""
-    return f"{day(step.since)} by {step.change:+.2f} (U {step.expanded:.2f}){after}"
+def _worth_a_row(trend: Trend) -> bool:
+    alone = len(trend.series.surveys) < 2
+    return trend.series.quantity == RMS or trend.outside in ("yes", "perhaps") or (trend.verdict != "unchanged" and not alone)
+
+
+def _figure(point: Point, unit: str) -> str:
+    """Return a figure with U, or with the interval where it is skewed."""
+    if math.isfinite(point.low):
+        return f"{point.value:.2f} ({point.low:.2f} to {point.high:.2f}) {unit}"
+    return f"{point.value:.2f} {unit}" if point.u is None else f"{point.value:.2f} ± {2 * point.u:.2f} {unit}"
 
 
 def leaves(trend: Trend) -> str:
@@ -49,11 +63,6 @@ def leaves(trend: Trend) -> str:
     return f"{day(trend.leaving.likely)} ({_edge(trend.leaving.earliest)} to {_edge(trend.leaving.latest)})"
 
 
-def day(moment: datetime) -> str:
-    """Return the day of a moment (UTC)."""
-    return moment.date().isoformat()
-
-
 def as_csv(trends: Sequence[Trend]) -> str:
     """Return every figure of the series, one a row; U is at k = 2."""
     out = io.StringIO()
@@ -63,42 +72,65 @@ def as_csv(trends: Sequence[Trend]) -> str:
     return out.getvalue()
 
 
-def as_json(trends: Sequence[Trend]) -> list[dict[str, Any]]:
-    """Return the series with what they say, for programs; every U is at k = 2."""
-    return [
-        {
-            "machine": each.series.machine,
-            "quantity": each.series.quantity,
-            "unit": each.series.unit,
-            "points": [
-                {
-                    "time": point.time.isoformat(), "survey": point.survey, "value": point.value,
-                    "U": _expanded(point.u), "event": point.event,
-                }
-                for point in each.series.points
-            ],
-            "steps": [
-                {"since": step.since.isoformat(), "survey": step.survey, "change": step.change, "U": step.expanded, "after": step.after}
-                for step in each.steps
-            ],
-            "line": None if each.line is None else {
-                "begins": each.line.begins.isoformat(), "surveys": each.line.surveys,
-                "slope_per_year": each.line.slope, "U": each.line.expanded,
-            },
-            "tolerance": each.tolerance,
-            "outside": each.outside,
-            "leaving": _leaving_json(each.leaving),
-        }
-        for each in trends
-    ]  # fmt: skip
+def as_json(trends: Sequence[Trend], left_out: Sequence[LeftOut]) -> dict[str, Any]:
+    """Return the series with what became of them, and what is left out, for programs; every U is at k = 2."""
+    return {"series": [_series_json(each) for each in trends], "left_out": [_left_out_json(each) for each in left_out]}
+
+
+def _series_json(trend: Trend) -> dict[str, Any]:
+    series = trend.series
+    return {
+        "machine": series.machine,
+        "quantity": series.quantity,
+        "unit": series.unit,
+        "apart": None if series.other is None else str(series.other),
+        "points": [
+            {
+                "time": point.time.isoformat(), "survey": point.survey.name, "value": point.value, "U": _expanded(point.u),
+                "low": _number(point.low), "high": _number(point.high), "event": point.survey.event,
+            }
+            for point in series.points
+        ],
+        "verdict": trend.verdict,
+        "changes": [_course_json(trend, each) for each in trend.explained.courses],
+        "further_surveys": trend.explained.further,
+        "tolerance": trend.tolerance,
+        "outside": trend.outside,
+        "leaving": _leaving_json(trend.leaving),
+    }  # fmt: skip
+
+
+def _course_json(trend: Trend, course: Course) -> dict[str, Any]:
+    surveys = trend.series.surveys
+    return {
+        "kind": course.kind, "after": surveys[course.first].time.isoformat(), "before": surveys[course.last].time.isoformat(),
+        "survey": surveys[course.at].name if course.kind == "step" else None, "size": course.size, "U": 2 * course.u,
+        "per_year": course.kind == "line", "position_mm": float(trend.series.nodes_mm[course.node]) if _is_function(trend) else None,
+        "cause": str(trend.cause(course)) if course.kind == "step" else "", "probability": course.probability,
+    }  # fmt: skip
+
+
+def _is_function(trend: Trend) -> bool:
+    return len(trend.series.nodes_mm) > 1
+
+
+def _left_out_json(left: LeftOut) -> dict[str, Any]:
+    return {"machine": left.machine, "survey": left.name, "why": str(left.why), "key": left.why.key, "damaged": left.damaged}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
     for each in trends:
         for point in each.series.points:
+            skewed = math.isfinite(point.low)
             yield (
-                _safe(each.series.machine), each.series.quantity, each.series.unit, point.time.isoformat(), point.survey,
-                repr(point.value), "" if point.u is None else repr(2 * point.u), _safe(point.event), point.software,
+                _safe(each.series.machine), each.series.quantity, each.series.unit, point.time.isoformat(), point.survey.name,
+                repr(point.value), "" if point.u is None else repr(2 * point.u), repr(point.low) if skewed else "",
+                repr(point.high) if skewed else "", _safe(point.survey.event), point.survey.software,
+                "" if each.series.other is None else _safe(str(each.series.other)),
             )  # fmt: skip
 
 
@@ -112,10 +144,6 @@ def _leaving_json(leaving: Leaving | None) -> dict[str, object] | None:
         return None
     moments = {name: getattr(leaving, name) for name in ("earliest", "likely", "latest")}
     return {"tolerance": leaving.tolerance, **{name: None if at is None else at.isoformat() for name, at in moments.items()}}
-
-
-def _slope(trend: Trend) -> str:
-    return "-" if trend.line is None else f"{trend.line.slope:+.2f} ± {trend.line.expanded:.2f}"
 
 
 def _edge(moment: datetime | None) -> str:

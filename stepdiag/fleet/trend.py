@@ -1,52 +1,27 @@
-"""What changed on a machine, since when and after what; where a straight line is justified, and when it leaves the tolerance.
+"""What changed on each machine of a store, since when and after what; and when a figure leaves its tolerance.
 
-A change between two surveys counts when it is larger than its expanded uncertainty at k = 2, so widened (Sidak) that all comparisons of
-one series together err as seldom as one. A line is weighted least squares through the surveys since the last step; it is justified with at
-least `FEWEST` of them, a slope beyond its k = 2, residuals that their uncertainties explain (chi-squared, 1 %), and no step that explains
-the figures better.
+The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an accepted line, towards the tolerance alone.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from functools import cache
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.comparing.compare import coverage_factor
-from stepdiag.fleet.history import Point, Series
+from stepdiag.base.messages import Message, message
+from stepdiag.comparing.chance import Verdict
+from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter
+from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
 
 Array = NDArray[np.float64]
-FEWEST = 4
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
 """Beyond this a date says nothing of a machine."""
-_IMPROBABLE = 2.326
-"""The normal quantile of 99 %, for the chi-squared of a line (Wilson and Hilferty 1931)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """A change between two surveys that is more than its uncertainty; ``after`` is what happened in between, empty where unknown."""
-
-    since: datetime
-    survey: str
-    change: float
-    expanded: float
-    """Its U (k = 2)."""
-    after: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
-    """The straight line through the surveys since the last step: ``slope`` a year, with its U (k = 2)."""
-
-    begins: datetime
-    surveys: int
-    slope: float
-    expanded: float
+STATES = ("yes", "perhaps", "no")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,11 +36,13 @@ class Leaving:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """What one series says. ``outside`` is None without a tolerance, else whether the last survey is beyond it for sure or perhaps."""
+    """What became of one series.
+
+    ``outside`` is None without a tolerance, else whether the last survey is beyond it for sure ("yes"), "perhaps", or "no".
+    """
 
     series: Series
-    steps: tuple[Step, ...]
-    line: Line | None
+    explained: Explained
     leaving: Leaving | None
     tolerance: float | None
     outside: str | None
@@ -73,165 +50,205 @@ class Trend:
     @property
     def last(self) -> Point:
         """Return the newest survey's figure."""
-        return self.series.points[-1]
+        return self.series.point(-1)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return whether the quantity changed."""
+        return self.explained.verdict
+
+    @property
+    def line(self) -> Course | None:
+        """Return the line that is still going on, None where there is none."""
+        return next((each for each in self.explained.courses if each.kind == "line"), None)
+
+    @property
+    def steps(self) -> tuple[Course, ...]:
+        """Return the changes at once."""
+        return tuple(each for each in self.explained.courses if each.kind == "step")
+
+    def cause(self, course: Course) -> Message | str:
+        """Return what happened in the time in which a step lies; empty where no survey names anything."""
+        surveys = self.series.surveys
+        named = [surveys[at].event for at in (course.at, *range(course.first + 1, course.last + 1)) if surveys[at].event]
+        loaded = surveys[course.at - 1].active != surveys[course.at].active
+        if not loaded:
+            return named[0] if named else ""
+        return message("event-and-tables", event=named[0]) if named else message("tables-loaded")
+
+
+def trends_of(series: Sequence[Series], tolerance: Callable[[str, str], float | None]) -> list[Trend]:
+    """Return what became of every series; ``tolerance`` gives the largest magnitude allowed for a machine and a quantity, if any."""
+    found: dict[int, Trend] = {}
+    for _, group in groupby(enumerate(series), key=lambda item: item[1].machine):
+        alike: dict[str, list[int]] = {}
+        for number, each in group:
+            alike.setdefault("" if each.other is None else str(each.other), []).append(number)
+        for numbers in alike.values():
+            found |= zip(numbers, _of_machine([series[number] for number in numbers], tolerance), strict=True)
+    return [found[number] for number in range(len(series))]
 
 
 def trend_of(series: Series, tolerance: float | None = None) -> Trend:
-    """Return what a series says; ``tolerance`` is the largest magnitude allowed, in the series' unit."""
-    points = [point for point in series.points if point.u is not None]
-    begins = _stretches(points)
-    begin = begins[-1] if begins else 0
-    steps = _steps(points, begins)
-    fitted = _fitted(points[begin:])
-    line, leaving = None, None
-    if fitted is not None:
-        slope, u_slope = fitted.slope, math.sqrt(fitted.covariance[1][1])
-        line = Line(begins=points[begin].time, surveys=len(points) - begin, slope=slope, expanded=2 * u_slope)
-        leaving = _leaving(fitted, points[-1].time, tolerance) if tolerance is not None else None
-    return Trend(
-        series=series, steps=steps, line=line, leaving=leaving, tolerance=tolerance, outside=_outside(series.points[-1], tolerance)
-    )
+    """Return what became of one series alone."""
+    return trends_of([series], lambda *_: tolerance)[0]
 
 
-def severity(trend: Trend) -> float:
-    """Return how bad the last figure is: against its tolerance where there is one, else against its own U."""
+def _of_machine(series: Sequence[Series], tolerance: Callable[[str, str], float | None]) -> Iterator[Trend]:
+    """Yield what became of the quantities of one machine, which are asked together."""
+    surveys = sorted({each.name: each for one in series for each in one.surveys}.values(), key=lambda each: (each.time, each.name))
+    place = {each.name: number for number, each in enumerate(surveys)}
+    figures, rows = [], []
+    for each in series:
+        mine = np.array([place[survey.name] for survey in each.surveys])
+        whole = [np.full((len(surveys), each.values.shape[1]), np.nan) for _ in range(3)]
+        for full, part in zip(whole, (each.values, _own(each), each.u), strict=True):
+            full[mine] = part
+        figures.append(Figures(values=whole[0], u_own=whole[1], u=whole[2]))
+        rows.append(mine)
+    calendar = _calendar(surveys)
+    beyond = scatter(figures, calendar)
+    wide = [each.widened(beyond) for each in figures]
+    found = explained(wide, calendar)
+    moved = any(each.verdict == "changed" for each in found)
+    for each, mine, one in zip(series, rows, found, strict=True):
+        own = one.renumbered({int(at): number for number, at in enumerate(mine)})
+        if moved and each.quantity in OF_VOLUME and own.verdict == "unchanged":
+            own = Explained(verdict="undecided", courses=())  # some part of it changed, by less than its own U shows
+        allowed = tolerance(each.machine, each.quantity)
+        yield Trend(
+            series=each, explained=own, leaving=None if allowed is None else _leaving(each, own, beyond, allowed), tolerance=allowed,
+            outside=None if allowed is None else _outside(each.point(-1), allowed),
+        )  # fmt: skip
+
+
+def _calendar(surveys: Sequence[Survey]) -> Calendar:
+    first = surveys[0].time
+    loaded = [False, *(one.active != other.active for one, other in pairwise(surveys))]
+    return Calendar(
+        years=np.array([(each.time - first) / YEAR for each in surveys]), broken=np.array(loaded),
+        named=np.array([bool(each.event) for each in surveys]),
+    )  # fmt: skip
+
+
+def _own(series: Series) -> Array:
+    """Return the uncertainties that each survey has for itself, shape (surveys, nodes).
+
+    What surveys by the same instruments share is left out. Other instruments have a share of their own: all of their surveys are off
+    together, which counts as much as if each of n surveys alone were off by sqrt(n) as much.
+    """
+    common = series.common[:, None] * series.u
+    squared = series.u**2 - common**2
+    named = [survey.standing.instruments for survey in series.surveys]
+    usual = max(named, key=named.count)
+    for other in set(named) - {usual}:
+        mine = np.array([name == other for name in named])
+        squared[mine] += np.count_nonzero(mine) * (common[mine] ** 2 + np.mean(common[~mine] ** 2, axis=0))
+    own: Array = np.sqrt(np.maximum(squared, 0.0))
+    return own
+
+
+def rank(trend: Trend) -> tuple[int, float]:
+    """Return how bad the last figure is: beyond its tolerance first, then against its tolerance where there is one, else against its U."""
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
-    return abs(last.value) / scale if scale else abs(last.value)
+    beyond = STATES.index(trend.outside) if trend.outside in STATES else len(STATES)
+    return -beyond, abs(last.value) / scale if scale else abs(last.value)
 
 
-def already_perhaps(trend: Trend) -> bool:
-    """Tell whether the last figure may be beyond the tolerance within its U, and no later day is known on which it would be."""
-    likely = None if trend.leaving is None else trend.leaving.likely
-    return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
+def _leaving(series: Series, found: Explained, scattered: float, tolerance: float) -> Leaving | None:
+    """Return when the line, and its band at k = 2, cross the tolerance towards which it runs; a date in the past stands for now.
 
-
-def _stretches(points: Sequence[Point]) -> list[int]:
-    """Return where each stretch begins, oldest first."""
-    begins: list[int] = []
-    end = len(points)
-    while end:
-        end = _begin_of_stretch(points[:end])
-        begins.insert(0, end)
-    return begins
-
-
-def _begin_of_stretch(points: Sequence[Point]) -> int:
-    """Return the earliest survey from which on a constant or a line explains all of them up to the last."""
-    years = np.array([(point.time - points[-1].time) / YEAR for point in points])[::-1]
-    values = np.array([point.value - points[-1].value for point in points])[::-1]
-    weights = np.array([(point.u or np.inf) ** -2.0 for point in points])[::-1]
-    sum_w, sum_x, sum_y = (np.cumsum(weights * each) for each in (1.0, years, values))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        around = np.cumsum(weights * values**2) - sum_y**2 / sum_w
-        spread = np.cumsum(weights * years**2) - sum_x**2 / sum_w
-        together = np.cumsum(weights * years * values) - sum_x * sum_y / sum_w
-        around_line = around - np.where(spread > 0, together**2 / spread, 0.0)
-    counts = np.arange(1, len(points) + 1)
-    allowed = np.array([0.0, *(_largest_misfit(int(freedom)) for freedom in counts[:-1])])
-    constant = (counts == 1) | (around <= allowed)
-    line = np.zeros(len(points), dtype=bool)
-    line[FEWEST - 1 :] = around_line[FEWEST - 1 :] <= allowed[FEWEST - 2 : len(points) - 1]
-    return len(points) - 1 - int(np.flatnonzero(constant | line)[-1])
-
-
-def _steps(points: Sequence[Point], begins: Sequence[int]) -> tuple[Step, ...]:
-    factor = coverage_factor(max(len(points) - 1, 1))
-    found = []
-    for at in begins[1:]:
-        before, after = points[at - 1], points[at]
-        u = math.hypot(before.u or 0.0, after.u or 0.0)
-        change = after.value - before.value
-        if abs(change) > factor * u:
-            found.append(Step(since=after.time, survey=after.survey, change=change, expanded=2 * u, after=_cause(before, after)))
-    return tuple(found)
-
-
-def _cause(before: Point, after: Point) -> str:
-    """Return what the survey says of the time before it, and that other tables are loaded where they are."""
-    loaded = ["other compensation files loaded"] if before.active != after.active else []
-    return "; ".join([*([after.event] if after.event else []), *loaded])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Fitted:
-    """Value and slope a year at the mean time, with their covariance."""
-
-    at: datetime
-    value: float
-    slope: float
-    covariance: tuple[tuple[float, float], tuple[float, float]]
-
-
-def _fitted(points: Sequence[Point]) -> _Fitted | None:
-    """Return the line through the points of a stretch; None where it is not justified."""
-    if len(points) < FEWEST or any(not point.u for point in points):
-        return None
-    mean = datetime.fromtimestamp(float(np.mean([point.time.timestamp() for point in points])), UTC)
-    years = np.array([(point.time - mean) / YEAR for point in points])
-    value, u = np.array([point.value for point in points]), np.array([point.u for point in points], dtype=float)
-    if np.ptp(years) == 0.0:
-        return None
-    design = np.column_stack([np.ones(len(points)), years])
-    weighted = design / u[:, None]
-    covariance = np.linalg.inv(weighted.T @ weighted)
-    level, slope = covariance @ weighted.T @ (value / u)
-    if abs(slope) <= 2 * math.sqrt(covariance[1, 1]) or _rather_a_step(value, u, value - design @ np.array([level, slope])):
-        return None
-    (a, b), (c, d) = covariance.tolist()
-    return _Fitted(at=mean, value=float(level), slope=float(slope), covariance=((a, b), (c, d)))
-
-
-def _rather_a_step(value: Array, u: Array, beside_line: Array) -> bool:
-    """Tell whether two levels, one before and one behind some survey, explain the figures better than a line does.
-
-    ``beside_line`` are the figures less that line. What is common to all surveys is in their U, so a step may be within it and yet be no
-    drift; a line through it would go on for ever.
+    None where there is no line, or one that runs away from the tolerance: a figure that is a magnitude leaves by growing alone.
     """
-    weights, value = u**-2.0, value - value[-1]
-    sums = [np.cumsum(weights * each) for each in (1.0, value, value**2)]
-    before, behind = [each[:-1] for each in sums], [each[-1] - each[:-1] for each in sums]
-    around = sum(squares - firsts**2 / total for total, firsts, squares in (before, behind))
-    return bool(np.min(around) < np.sum(weights * beside_line**2))
-
-
-@cache
-def _largest_misfit(freedom: int) -> float:
-    """Return the chi-squared that is exceeded in one case of a hundred."""
-    return float(freedom * (1 - 2 / (9 * freedom) + _IMPROBABLE * math.sqrt(2 / (9 * freedom))) ** 3)
-
-
-def _leaving(fitted: _Fitted, now: datetime, tolerance: float) -> Leaving:
-    """Return when the line, and its band at k = 2, cross the tolerance towards which it runs; a date in the past stands for now."""
-    limit = math.copysign(tolerance, fitted.slope)
-    rising = math.copysign(1.0, fitted.slope)
+    line = next((each for each in found.courses if each.kind == "line"), None)
+    kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
+    if line is None or np.count_nonzero(kept) < 3:
+        return None
+    times = [survey.time for survey in series.surveys]
+    years = np.array([(time - times[-1]) / YEAR for time in times])
+    loaded = [at for at in range(1, len(times)) if series.surveys[at - 1].active != series.surveys[at].active]
+    steps = sorted({*loaded, *(each.at for each in found.courses if each.kind == "step")})
+    design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps)])
+    weights = (1 - series.common**2 + scattered**2) ** -1.0 * series.shown[:, 1] ** -2.0
+    shown = _centred(series)
+    amounts, covariance = fit(shown[kept, None], weights[kept, None], design[kept])
+    level, slope = float(amounts[0, 0]), float(amounts[1, 0])
+    magnitude = len(series.nodes_mm) > 1 or series.quantity in OF_VOLUME
+    if slope == 0.0 or (magnitude and slope < 0):
+        return None
+    rising = math.copysign(1.0, slope)
+    offset = float(series.common[-1] * series.shown[-1, 1])
+    band = covariance[0, :2, :2] + np.array([[offset**2, 0.0], [0.0, 0.0]])
+    limit = rising * tolerance
 
     def crossing(k: float) -> datetime | None:
         """Find by bisection where the line, moved outwards by k standard uncertainties, first reaches the limit."""
 
-        def beyond(moment: datetime) -> bool:
-            years = (moment - fitted.at) / YEAR
-            (a, b), (c, d) = fitted.covariance
-            u = math.sqrt(max(a + years * (b + c) + years * years * d, 0.0))
-            return rising * (fitted.value + fitted.slope * years + rising * k * u - limit) >= 0
+        def beyond(year: float) -> bool:
+            at = np.array([1.0, year])
+            return rising * (level + slope * year - limit) + k * math.sqrt(max(float(at @ band @ at), 0.0)) >= 0
 
-        if beyond(now):
-            return now
-        if not beyond(LATEST):
+        low, high = 0.0, (LATEST - times[-1]) / YEAR
+        if beyond(low):
+            return times[-1]
+        if not beyond(high):
             return None
-        low, high = now, LATEST
-        while high - low > timedelta(hours=12):
-            middle = low + (high - low) / 2
+        while high - low > 1e-3:
+            middle = (low + high) / 2
             low, high = (low, middle) if beyond(middle) else (middle, high)
-        return high
+        return times[-1] + high * YEAR
 
-    return Leaving(tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=crossing(-2.0))
+    latest = crossing(-2.0) if line.probability >= HELD else None  # it may level off
+    return Leaving(tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=latest)
 
 
-def _outside(last: Point, tolerance: float | None) -> str | None:
-    if tolerance is None:
-        return None
-    expanded = 2 * (last.u or 0.0)
-    if abs(last.value) - expanded > tolerance:
+def _centred(series: Series) -> Array:
+    """Return the shown figures; one with a skewed interval by its middle, about which it is even."""
+    middle = series.shown[:, 2:].mean(axis=1)
+    centred: Array = np.where(np.isfinite(middle), middle, series.shown[:, 0])
+    return centred
+
+
+def _outside(last: Point, tolerance: float) -> str:
+    low, high = last.interval()
+    if low > tolerance:
         return "yes"
-    return "perhaps" if abs(last.value) + expanded > tolerance else "no"
+    return "perhaps" if high > tolerance else "no"
+
+
+def already_perhaps(trend: Trend) -> bool:
+    """Return whether the last figure may be beyond the tolerance within its U, and no later day is known on which it would be."""
+    likely = None if trend.leaving is None else trend.leaving.likely
+    return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
+
+
+def statements(trend: Trend) -> list[Message]:
+    """Return what became of a quantity, a message for each change; the verdict alone where there is none."""
+    if trend.explained.courses:
+        return [_statement(trend, each) for each in trend.explained.courses]
+    if trend.verdict == "unchanged":
+        return [message("trend-unchanged")]
+    further = trend.explained.further
+    return [message("trend-undecided-open") if further is None else message("trend-undecided", count=further)]
+
+
+def _statement(trend: Trend, course: Course) -> Message:
+    unit, surveys = trend.series.unit, trend.series.surveys
+    first, last = (day(surveys[at].time) for at in (course.first, course.last))
+    expanded = 2 * course.u
+    if course.kind == "line":
+        return message("trend-line", slope=course.size, unit=unit, expanded=expanded, first=first)
+    if course.kind == "run-in":
+        return message("trend-run-in", change=course.size, unit=unit, expanded=expanded, first=first)
+    if course.kind == "season":
+        return message("trend-season", change=course.size, unit=unit, expanded=expanded)
+    after = trend.cause(course)
+    if after:
+        return message("trend-step-after", change=course.size, unit=unit, expanded=expanded, first=first, last=last, after=after)
+    return message("trend-step", change=course.size, unit=unit, expanded=expanded, first=first, last=last)
+
+
+def day(moment: datetime) -> str:
+    """Return the day of a moment (UTC)."""
+    return moment.date().isoformat()

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -39,6 +40,6 @@ def _columns(stops: Sequence[CapturedStop], wanted: int, name: str) -> tuple[Vec
     """Return the angles of every stop in urad and the standard uncertainties of their means, shape (stops, wanted)."""
     sizes = {len(stop.channels) for stop in stops}
     if not sizes or min(sizes) < wanted or len(sizes) > 1:
-        found = f"{', '.join(map(str, sorted(sizes)))} angles"
-        raise DataError(name, expected=f"{wanted} angles at every stop", found=found, remedy="drive it again")
+        found = message("number-of-angles", names=list(map(str, sorted(sizes))))
+        raise DataError(name, expected=message("angles-at-every-stop", wanted=wanted), found=found, remedy=message("drive-once-more"))
     return np.array([stop.channels[:wanted] for stop in stops]), np.array([stop.u_channels[:wanted] for stop in stops])

@@ -42,8 +42,8 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
     means = record.averaged(interval_s)
     found = motion(means.channels, distance_mm, calibrated(file), time_s=means.time_s)
     if not found.usable.all():
-        texts = "; ".join(finding.text for finding in found.findings)
-        raise DataError("stability", expected="light on every detector all the time", found=texts, remedy="align the head, repeat")
+        texts = "; ".join(str(finding.words) for finding in found.findings)
+        raise DataError("stability", expected=message("light-on-every-detector"), found=texts, remedy=message("align-head-repeat"))
     results = {}
     for column, axis in enumerate(LATERAL):
         raw, left = found.raw_straightness_um[:, column], found.straightness_um[:, column]
@@ -80,7 +80,7 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
             signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
     lever, findings = _common_lever(list(axes.values()))
     remarks = tuple(
-        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.text}") for axis, found in axes.items() for one in found.findings
+        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.words}") for axis, found in axes.items() for one in found.findings
     )
     return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
 
@@ -141,7 +141,7 @@ def parse_stage_run(text: str, source: str) -> StageRun:
     table = read_table(text, source, ("reading",))
     unit = next((unit for unit in get_args(Unit) if f"reference_{unit}" in table[0][1]), None)
     if unit is None:
-        raise DataError(f"{source}: header", expected="a column reference_um or reference_arcsec", found=",".join(table[0][1]))
+        raise DataError(f"{source}: header", expected=message("column-reference-um-reference"), found=",".join(table[0][1]))
     rows = [
         (number_in(row, "reading", f"{source}: line {n}"), number_in(row, f"reference_{unit}", f"{source}: line {n}")) for n, row in table
     ]
@@ -170,7 +170,7 @@ def calibrate_axis(run: StageRun, detector: DetectorName, file: HeadFile, *, deg
     the better of two curves is taken: over the reading, or over its inverse error function, which is that of a Gaussian spot.
     """
     if (detector == "qd") != (run.unit == "um"):
-        expected = "reference_um for the QD" if detector == "qd" else "reference_arcsec for a PSD"
+        expected = message("reference-um-for-qd") if detector == "qd" else message("reference-arcsec-for-psd")
         raise UsageError(f"calibrate: {detector}", expected=expected, found=f"reference_{run.unit}")
     shift = _shift_um(run.reference, detector, file)
     per_unit = abs(float(_shift_um(np.array([1.0]), detector, file)[0]))
@@ -218,7 +218,7 @@ def parse_curves(text: str, source: str) -> Curves:
         known = rows[np.isfinite(rows[:, 1])]
         curves[name] = (known[:, 0], known[:, 1] / (URAD_PER_ARCSEC if unit == "urad" else 1.0))
     if not curves:
-        raise DataError(f"{source}: header", expected="columns such as EYX_um or EBX_arcsec", found=",".join(table[0][1]))
+        raise DataError(f"{source}: header", expected=message("columns-such-eyx-um"), found=",".join(table[0][1]))
     return curves
 
 

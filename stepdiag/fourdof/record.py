@@ -11,6 +11,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.serial import instrument_line
@@ -45,7 +46,10 @@ class HeadRecord:
         if not count.all():
             at = float(np.argmin(count)) * interval_s
             raise DataError(
-                "4-DOF head", expected=f"samples in every {interval_s:g} s", found=f"none from {at:g} s on", remedy="keep the beam free"
+                "4-DOF head",
+                expected=message("samples-every-s", interval_s=interval_s),
+                found=message("none-from-s-on", at=at),
+                remedy=message("keep-beam-free"),
             )
         sums = [np.bincount(place, weights=column)[: len(count)] for column in self.channels.T]
         middle = np.asarray(interval_s * (np.arange(len(count)) + 0.5), dtype=np.float64)
@@ -71,8 +75,8 @@ class _Gathering:
         flags = np.concatenate([np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)])
         good = (flags & int(UNUSABLE)) == 0
         if not good.any():
-            found = f"{len(flags)} samples, all blocked, saturated or faulty" if len(flags) else "nothing it understands"
-            raise DataError(source, expected="samples of the head", found=found, remedy="`stepdiag fourdof align` shows what it says")
+            found = message("samples-all-blocked-saturated", flags=len(flags)) if len(flags) else message("nothing-understands")
+            raise DataError(source, expected=message("samples-head"), found=found, remedy=message("stepdiag-fourdof-align-shows"))
         time = np.concatenate([batch.arrival_ns for batch in self._batches])[good] * 1e-9
         channels = np.concatenate([batch.channels for batch in self._batches if batch.channels is not None])[good]
         return HeadRecord(time_s=time - time[0], channels=channels, unusable=int(np.count_nonzero(~good)))
@@ -89,7 +93,9 @@ def read_head_csv(text: str, source: str) -> HeadRecord:
     values = np.array(rows)
     back = np.flatnonzero(np.diff(values[:, 0]) < 0)
     if len(back):
-        raise DataError(f"{source}: line {table[int(back[0]) + 1][0]}", expected="a time after the one before", found="an earlier one")
+        raise DataError(
+            f"{source}: line {table[int(back[0]) + 1][0]}", expected=message("time-after-one-before"), found=message("earlier-one")
+        )
     return HeadRecord(time_s=values[:, 0] - values[0, 0], channels=values[:, 1:])
 
 
@@ -105,7 +111,7 @@ def head_of_log(path: Path) -> HeadRecord:
     log = open_log(path)
     survey = parse_survey(log.header.survey_text, f"{path.name}: survey.toml")
     if survey.head is None:
-        raise DataError(str(path), expected="the log of a survey with a [head]", found="a survey without one")
+        raise DataError(str(path), expected=message("log-survey-with-head"), found=message("survey-without-one"))
     gathering = _Gathering(head_decoder(survey))
     for event in log.events():
         if isinstance(event, Chunk) and event.stream == "head":
@@ -119,7 +125,7 @@ def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callab
     Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where the port cannot be opened or is lost.
     """
     if survey.head is None:
-        raise UsageError(source, expected="a [head] section", found="none")
+        raise UsageError(source, expected=message("head-section"), found=message("none"))
     gathering = _Gathering(head_decoder(survey))
     with suppress(KeyboardInterrupt):
         asyncio.run(_listen(survey, gathering, seconds, on_batch))
@@ -153,4 +159,4 @@ async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batc
 def require_angles(record: HeadRecord, source: str) -> None:
     """Raise DataError for a head that has a QD only, where pitch, yaw or drift are asked for."""
     if record.channels.shape[1] != CHANNELS:
-        raise DataError(source, expected="nine channels: QD, PSD1 and PSD2", found=f"{record.channels.shape[1]}: a QD alone")
+        raise DataError(source, expected=message("nine-channels-qd-psd1"), found=message("qd-alone", shape=record.channels.shape[1]))

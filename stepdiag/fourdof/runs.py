@@ -94,7 +94,7 @@ def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, Kno
 def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
     data = files.get(section.calibration)
     if data is None:
-        raise DataError(section.calibration or "head.calibration", expected="the head's calibration file in the log", found="nothing")
+        raise DataError(section.calibration or "head.calibration", expected=message("head-s-calibration-file"), found=message("nothing"))
     file = parse_head_file(data, section.calibration)
     require_owner(file, section, section.calibration)
     return file
@@ -118,7 +118,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
         time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
         u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
     )
-    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.text}") for one in found.findings)
+    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.words}") for one in found.findings)
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
         text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"
@@ -163,8 +163,8 @@ def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]
     """Return the nine channels of every stop and their standard uncertainties; a QD alone gets still, centred spots on the others."""
     sizes = {len(stop.channels) for stop in stops}
     if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
-        found = f"{', '.join(map(str, sorted(sizes)))} channels"
-        raise DataError(name, expected="nine channels of the head (or three of a QD) at every stop", found=found, remedy="drive it again")
+        found = message("number-of-channels", names=list(map(str, sorted(sizes))))
+        raise DataError(name, expected=message("nine-channels-head-three"), found=found, remedy=message("drive-once-more"))
     mean, u = np.array([stop.channels for stop in stops]), np.array([stop.u_channels for stop in stops])
     if sizes == {QD_ONLY}:
         still = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(stops), 1))
@@ -181,8 +181,8 @@ def _distance_mm(section: HeadSection, run: HeadRun, stops: Sequence[CapturedSto
     reading = np.array([np.nan if stop.reading_mm is None else stop.reading_mm for stop in stops])
     if not np.isfinite(reading).all():
         missing = stops[int(np.argmin(np.isfinite(reading)))].stop
-        remedy = 'put head.distance = "commanded" into the survey file'
-        raise DataError(f"{name}: stop {missing}", expected="a reading of the laser for the distance", found="none", remedy=remedy)
+        remedy = message("put-head-distance-commanded")
+        raise DataError(f"{name}: stop {missing}", expected=message("reading-laser-for-distance"), found=message("none"), remedy=remedy)
     measured: Vector = run.distance_mm + reading - reading[int(np.argmin(away))]
     return measured
 

@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 
 from stepdiag.base.findings import in_words
+from stepdiag.base.messages import in_every_language
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
 from stepdiag.texts.findings import advice_of, place_of
-from stepdiag.texts.sentences import in_every_language
 
 SLOW_FIELDS = (
     "survey",
@@ -96,7 +96,7 @@ def _place(one: FindingStatus) -> tuple[str, int | None]:
     """Return the run and the stop at which it was; of an old log they stand in its text."""
     if one.message is not None:
         return f"{one.at.setup} {one.at.way}", one.at.stop
-    old = place_of(one.text)
+    old = place_of(str(one.finding.words))
     return old.run, old.stop
 
 

@@ -89,7 +89,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
         "slips": sections.slips_table(result, words),
-        "history": sections.history_table(result, words),
+        "history": sections.history_table(result, words, language),
         "recordings": logs_table(logs, words),
     }
     html = template("template.html").render(

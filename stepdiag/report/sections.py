@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.findings import in_words
+from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.basis import basis_of
 from stepdiag.base.result.interval import decimals_of
@@ -272,9 +273,9 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
     ]
 
 
-def history_table(result: Result, words: Mapping[str, str]) -> Table | None:
+def history_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
     """Return what happened while recording, where the result says it (``history``): it is past and hinders nothing."""
-    rows = [(one.code, one.text) for one in (result.history or ())[:MOST_ROWS]]
+    rows = [(one.code, rendered(one.words, language)) for one in (result.history or ())[:MOST_ROWS]]
     return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
 
 

@@ -86,7 +86,7 @@ def setup_table(result: Result) -> Table:
 def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
     """Yield one line a finding, the most serious first: how serious, its code, its words."""
     for severity, mark in MARKS.items():
-        yield from (printable(f"{mark:<8}{each.code}: {each.text}") for each in findings if each.severity == severity)
+        yield from (printable(f"{mark:<8}{each.code}: {each.words}") for each in findings if each.severity == severity)
 
 
 def effect_table(prediction: Prediction) -> Table:

@@ -38,7 +38,7 @@ class PassFinder:
         if self.walk is None:
             self.walk = self._begin(setup, signals, reading_mm)
         elif self.walk.route.travel.base != setup_of(setup).base:
-            return Ended("aborted", f"{self.walk.name}: the machine went on with {setup}")
+            return Ended("aborted", self.walk.at(message("went-on-with", setup=setup)))
         return self.walk
 
     def is_head_run(self, signals: Signals) -> bool:
@@ -64,7 +64,7 @@ class PassFinder:
             return None
         self._unplanned_said = True
         planned, base = ", ".join(self._start.hints), SETUP_NUMBERS.get(signals.setup)
-        text = message("unplanned-setup", number=signals.setup, name=base or "unknown", planned=planned)
+        text = message("unplanned-setup", number=signals.setup, name=base or message("unknown-setup"), planned=planned)
         return finding("error", text)
 
     def _begin(self, setup: str, signals: Signals, reading_mm: float | None) -> Walk:

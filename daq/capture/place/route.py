@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
 from stepdiag.base.setups import Setup, setup_of
 from stepdiag.base.volume import Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
@@ -97,40 +98,41 @@ def agrees(measured_mm: float, nominal_mm: float) -> bool:
     return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
 
 
-def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float) -> tuple[str, str]:
-    """Return what is wrong with a measured step as (finding code, words); an empty code where it agrees.
+def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float) -> Message | None:
+    """Return what is wrong with a measured step; None where it agrees.
 
     ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
     """
     nominal = route.step_mm(from_stop, to_stop)
     if agrees(measured_mm, nominal):
-        return "", ""
-    found = f"the laser moved by {measured_mm:.3f} mm, the geometry wants {nominal:.3f} mm"
+        return None
     if backwards := _backwards(route, from_stop, to_stop, measured_mm):
-        code, words = backwards
-        return code, f"{found}: {words}"
+        return backwards
     if agrees(measured_mm, 0.0):
-        return "no-move", f"{found}: the machine did not move, or the stop was counted twice"
+        return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
     if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
-        return "stop-missing", f"{found}, and {route.step_mm(from_stop, to_stop + 1):.3f} mm to the stop after: a stop is missing"
+        return message("stop-missing.sequence", moved_mm=measured_mm, wanted_mm=nominal, after_mm=route.step_mm(from_stop, to_stop + 1))
     if other := _other_axis(route, to_stop, measured_mm):
-        return "wrong-axis-order", f"{found}: that is a step of {other.upper()}, not of {route.axis_to(to_stop).upper()}"
+        axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
+        return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)
     if abs(absolute_mm) <= STILL_MM:
-        return "laser-reset", f"{found}: the laser was set to zero"
-    return "step-mismatch", found
+        return message("laser-reset", moved_mm=measured_mm, wanted_mm=nominal)
+    return message("step-mismatch", moved_mm=measured_mm, wanted_mm=nominal)
 
 
-def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> tuple[str, str] | None:
-    """Return code and words for a step of the right size the wrong way; None where it is none."""
+def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> Message | None:
+    """Return what is wrong with a step of the right size the wrong way; None where it is none."""
+    nominal = route.step_mm(from_stop, to_stop)
     turned, from_the_end = (
         agrees(measured_mm, -route.step_mm(from_stop, to_stop)),
         agrees(measured_mm, route.backward_mm(from_stop, to_stop)),
     )
     if turned:
-        more = f", or the program drives from the other end, and not from ({_place(route)}) mm on" if from_the_end else ""
-        return "wrong-laser-sign", f"the sign of the laser is the wrong way round{more}"
+        if from_the_end:
+            return message("wrong-laser-sign.or-end", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route))
+        return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
     if from_the_end:
-        return "wrong-direction", f"that is the way from the other end; drive from ({_place(route)}) mm on"
+        return message("wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_place(route))
     return None
 
 

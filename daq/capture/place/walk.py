@@ -5,9 +5,8 @@ from typing import Self
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.findings import finding as placed
-from stepdiag.base.messages import Message, Place, Words, at, message
+from stepdiag.base.findings import Finding, Severity, finding
+from stepdiag.base.messages import Message, Place, Way, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, agrees, judge_step
@@ -18,7 +17,7 @@ BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""
 BACKWARDS = -0.5
 """Shares of a step: who goes back by more, to where no stop is, begins anew."""
-ANEW = "the pass was begun anew"
+ANEW = message("begun-anew")
 COUNTER_TRUSTED = 1000
 """A stop counter that seems to have gone on by more than this was set back: the PLC has started again."""
 
@@ -37,11 +36,11 @@ class Walk:
         self.route = route
         self.laser = LaserPlaces(route, known or {})
         self._stuck_said = False
-        self.unsure = ""
-        """Why the stops are only believed to be those that come next; empty where position or laser say it."""
+        self.unsure: Message | None = None
+        """Why the stops are only believed to be those that come next; None where position or laser say it."""
         self.nowhere = self.retreated = False
         """The last standstill reads as no stop does; and by the laser's count it was come to as a program comes to its first stop."""
-        self.apart = ""
+        self.apart: Message | None = None
         """Why the count of the stops before is not that of the stop that was placed last, though nothing happened to the laser."""
         self.expected = expected
         self.last: CapturedStop | None = None
@@ -53,6 +52,15 @@ class Walk:
     def name(self) -> str:
         """Return the pass in words."""
         return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
+
+    @property
+    def way(self) -> Way:
+        """Return the direction of the pass."""
+        return "out" if self.route.outward else "back"
+
+    def at(self, what: Message) -> Message:
+        """Return a message with the pass before it."""
+        return message("in-run", run=run(self.route.setup, self.way), what=what)
 
     @property
     def started(self) -> bool:
@@ -79,16 +87,13 @@ class Walk:
         place = ", ".join(f"{value:.4f}" for value in signals.commanded_mm)
         if index is None:
             wanted = ", ".join(f"{value:.4f}" for value in self.route.stops_mm[min(self.expected, len(self.route) - 1)])
-            text = f"the machine stands at ({place}) mm, which is no stop of {self.name}; ({wanted}) mm was expected"
-            return None, [
-                *odd,
-                self.finding("unexpected-position", "error", self.expected, f"{text}: check volume, axis order and program"),
-            ]
+            said = message("unexpected-position", at=place, name=run(self.route.setup, self.way), wanted=wanted)
+            return None, [*odd, self.finding("error", self.expected, said)]
         if index < self.expected:
-            odd.append(self.finding("stop-again", "info", index, message("stop-again", place=place)))
+            odd.append(self.finding("info", index, message("stop-again.by-position", at=place)))
         elif by_count != index and not self._just_turned(index, signals.stop_count):
-            differ = message("count-disagrees.counter-says", a=by_count, place=place, b=index)
-            odd.append(self.finding("count-disagrees", "warning", index, differ))
+            said = message("count-disagrees.with-position", counted=by_count, at=place, named=index)
+            odd.append(self.finding("warning", index, said))
         return index, odd
 
     def _just_turned(self, index: int, count: int | None) -> bool:
@@ -126,10 +131,9 @@ class Walk:
         Within a log nobody tells the two apart but by the steps that follow: such stops are doubted.
         """
         if self.last is None and self.expected > 0 and lost:
-            text = message("place-unknown")
-            return 0, [*odd, self.finding("place-unknown", "warning", 0, text)]
+            return 0, [*odd, self.finding("warning", 0, message("place-unknown.at-first"))]
         if lost and self.expected > 0:
-            self.unsure = "the laser's count was lost and the machine does not say where it stands: taken for the stop that comes next"
+            self.unsure = message("place-unknown")
         return by_count, odd
 
     def _retreats(self, stop: int, reading_mm: float) -> bool:
@@ -137,7 +141,7 @@ class Walk:
         if self._last_reading_mm is None:
             return False
         if self.expected == 1:
-            return self.judge(stop, reading_mm)[0] in BREAKS_COUNT
+            return _breaks_count(self.judge(stop, reading_mm))
         forward = (
             (reading_mm - self._last_reading_mm) / self.route.step_mm(self._last_stop - 1, self._last_stop) if self._last_stop > 0 else 0.0
         )
@@ -150,7 +154,7 @@ class Walk:
 
     def begin_anew(self) -> Finding:
         """Go back to before the first stop; return what is to be said of it."""
-        self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, ""
+        self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, None
         self.nowhere = self.retreated = False
         self.laser.lost()
         return self.said_anew()
@@ -164,30 +168,29 @@ class Walk:
 
     def said_anew(self) -> Finding:
         """Return what is to be said of a pass that was begun anew."""
-        return self.finding("stop-again", "info", 0, f"the steps are those from the first stop on: {ANEW}")
+        return self.finding("info", 0, message("stop-again.begun-anew"))
 
     def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
         """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""
         if self.expected == 0:
             self.laser.lost()
-            self.apart = "the laser reads what no stop of the setup reads: taken for the first stop"
+            self.apart = message("reads-no-stop")
             return by_count, odd
-        code, _ = self.judge(by_count, reading_mm)
-        if counted != 0 and (counted is not None or (code and code not in BREAKS_COUNT)):
+        wrong = self.judge(by_count, reading_mm)
+        if counted != 0 and (counted is not None or (wrong is not None and not _breaks_count(wrong))):
             return self._unplaced(by_count, odd, lost=True)
         following = self.laser.after_nowhere(reading_mm, self.expected) if counted is None else None
         if following is not None:
             return following, odd
-        text = message("between-stops")
-        return None, [self.finding("between-stops", "warning", min(self.expected, len(self.route) - 1), text)]
+        return None, [self.finding("warning", min(self.expected, len(self.route) - 1), message("between-stops.no-reading"))]
 
     def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
         """Return what is odd about a stop that the laser names."""
         if counted is not None and by_laser != by_count and self.expected > 0:
-            text = message("count-disagrees", a=by_count, b=by_laser)
-            odd = [*odd, self.finding("count-disagrees", "warning", by_laser, text)]
+            said = message("count-disagrees.with-laser", counted=by_count, named=by_laser)
+            odd = [*odd, self.finding("warning", by_laser, said)]
         if by_laser < self.expected:
-            odd = [*odd, self.finding("stop-again", "info", by_laser, message("stop-again.read-once-more"))]
+            odd = [*odd, self.finding("info", by_laser, message("stop-again.by-laser"))]
         return odd
 
     def counts_on(self, signals: Signals) -> bool:
@@ -200,10 +203,10 @@ class Walk:
             return None
         return count_steps(self._last_count, count)
 
-    def judge(self, index: int, reading_mm: float) -> tuple[str, str]:
-        """Return (finding code, words) for a reading at a stop, judged by the step from the stop before; empty where all is well."""
+    def judge(self, index: int, reading_mm: float) -> Message | None:
+        """Return what is wrong with a reading at a stop, judged by the step from the stop before; None where all is well."""
         if self._last_reading_mm is None or index == self._last_stop:
-            return "", ""
+            return None
         return judge_step(self.route, self._last_stop, index, reading_mm - self._last_reading_mm, reading_mm)
 
     def expected_reading_mm(self, index: int) -> float | None:
@@ -226,18 +229,14 @@ class Walk:
         self.expected = index + 1
         self._last_count = count
 
-    def finding(self, code: str, severity: Severity, stop: int, said: Words) -> Finding:
-        """Return a finding that names the pass and the stop."""
-        place = Place(setup=self.route.setup, way="out" if self.route.outward else "back", stop=stop, last=len(self.route) - 1)
-        if isinstance(said, Message):
-            return placed(severity, said, place)
-        return Finding(code=code, severity=severity, text=str(at(place, said)), setup=place.setup, stop=stop)
+    def finding(self, severity: Severity, stop: int, said: Message, code: str = "") -> Finding:
+        """Return the finding of a message at a stop of the pass; a phrase needs its ``code``."""
+        return finding(severity, said, Place(setup=self.route.setup, way=self.way, stop=stop, last=len(self.route) - 1), code=code)
 
     def _stuck(self, count: int) -> list[Finding]:
         """Return, once a pass, that the machine comes to a stop and does not count it."""
         said, self._stuck_said = self._stuck_said, True
-        text = message("count-stuck", count=count)
-        return [] if said else [self.finding("count-stuck", "warning", self.expected, text)]
+        return [] if said else [self.finding("warning", self.expected, message("count-stuck", count=count))]
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
         if count is None or self._last_count is None or self.expected == 0:
@@ -249,12 +248,14 @@ class Walk:
             return self.expected, self._stuck(count)
         if 1 < steps <= COUNTER_TRUSTED:
             index = self.expected + steps - 1
-            missed = message("stop-missed", old=self._last_count, new=count, count=steps - 1)
-            return index, [self.finding("stop-missed", "warning", self.expected, missed)]
-        text = (
-            f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
-        )
-        return self.expected, [self.finding("count-disagrees", "warning", self.expected, text)]
+            missed = message("stop-missed", before=self._last_count, now=count, missed=steps - 1)
+            return index, [self.finding("warning", self.expected, missed)]
+        back = message("count-disagrees.anew", before=self._last_count, now=count, most=COUNT_MODULUS - 1)
+        return self.expected, [self.finding("warning", self.expected, back)]
+
+
+def _breaks_count(wrong: Message | None) -> bool:
+    return wrong is not None and wrong.code in BREAKS_COUNT
 
 
 def begun_anew(route: Route, readings: Sequence[float]) -> bool:

@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 import msgspec
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
-from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
+from stepdiag.daq.capture.conditions import COURSES, Credible, Judged
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.formats.signals import Signals
@@ -51,19 +51,19 @@ class Alarm:
     def __init__(self, wall_offset_ns: int) -> None:
         self._wall_offset_ns = wall_offset_ns
         self._on = False
-        self._doubts: list[tuple[int, Remark]] = []
+        self._doubts: list[tuple[int, Message]] = []
 
     def look(self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool) -> Iterator[Finding]:
         """Look at a poll; yield an alarm that has just come. ``waiting`` says that a standstill is over and not yet taken as a stop."""
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
             moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
-            text = message("machine-alarm", time=f"{moment:%H:%M:%S}")
-            self._doubts.append((now_ns, ("machine-alarm", str(text))))
+            said = message("machine-alarm", time=f"{moment:%H:%M:%S}")
+            self._doubts.append((now_ns, said))
             last = len(walk.route) - 1
-            yield walk.finding("machine-alarm", "warning", min(walk.expected + waiting, last), text)
+            yield walk.finding("warning", min(walk.expected + waiting, last), said)
 
-    def doubts(self, stop: CapturedStop) -> list[Remark]:
+    def doubts(self, stop: CapturedStop) -> list[Message]:
         """Return what is to be doubted of a stop: what came before it was over, and has not been told of another one."""
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
@@ -74,16 +74,16 @@ def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm)
     """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
     doubted = [] if walk.route.travel.is_fourdof else judged.doubted
-    for code, words in (*judged.said, *doubted):
-        yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
+    for said in (*judged.said, *doubted):
+        yield walk.finding("warning", stops[0].stop if stops else walk.expected, said)
     for each in taken:
         yield _marked(each, judged.held, [*doubted, *alarm.doubts(each)]) if isinstance(each, CapturedStop) else each
 
 
-def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Remark]) -> CapturedStop:
+def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message]) -> CapturedStop:
     stop = msgspec.structs.replace(stop, held=held)
-    for code, words in doubted:
-        stop = marked(stop, code, words)
+    for said in doubted:
+        stop = marked(stop, said)
     return stop
 
 

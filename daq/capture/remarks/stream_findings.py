@@ -1,8 +1,10 @@
 """What the streams of a log remark of themselves, in words for a person."""
 
 import re
+from collections.abc import Sequence
 
-from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.findings import Severity, finding
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.timing.samples import Notice
@@ -11,6 +13,12 @@ from stepdiag.daq.timing.stream import StreamBuffer
 _FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000
 """How often the remarks of the streams are asked for."""
+STREAMS: dict[Link, Message] = {
+    "laser": message("stream-laser"),
+    "head": message("stream-head"),
+    "air": message("stream-air"),
+    "machine": message("stream-machine"),
+}
 KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
 
 
@@ -38,16 +46,18 @@ class StreamRemarks:
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
 
-    def lost(self, link: Link, where: str, outcomes: list[Outcome]) -> None:
-        """Say where bytes were lost on the way; how often in figures is the link's own matter, each cause is said once a log."""
-        for cause in where.split("; "):
-            kind = f"{link} lost: {_FIGURES.sub('', cause)}"
+    def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
+        """Report where bytes were lost on the way, each cause once a log: how often it came is the link's own matter."""
+        for cause in causes:
+            kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
             if kind not in self._said:
                 self._said.add(kind)
-                outcomes.append(Finding(code="bytes-lost", severity="warning", text=f"{link}: bytes were lost: {cause}"))
+                lost = message("bytes-were-lost", stream=STREAMS[link], cause=cause)
+                outcomes.append(finding("warning", lost, code="bytes-lost"))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
-        said = f"{stream}: {notice.text if notice.code == 'device' else notice.code}"
+        said = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
         if notice.code in KINDS and said not in self._said:
             self._said.add(said)
-            outcomes.append(Finding(code=CODES[notice.code], severity=KINDS[notice.code], text=f"{stream}: {notice.text}"))
+            what = message("of-stream", stream=STREAMS[stream], what=notice.why)
+            outcomes.append(finding(KINDS[notice.code], what, code=CODES[notice.code]))

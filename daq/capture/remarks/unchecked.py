@@ -5,9 +5,9 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import setup_of
-from stepdiag.daq.capture.conditions import needed_conditions
+from stepdiag.daq.capture.conditions import CONDITIONS, needed_conditions
 from stepdiag.daq.capture.place.route import agrees, make_route
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
@@ -26,7 +26,12 @@ WITHOUT = {
     "relative_humidity_percent": "the humidity is taken from [environment]",
 }
 """What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
-OF_THE_STOPS = ("stop_count", "running", "heartbeat", "alarm")
+OF_THE_STOPS = {
+    "stop_count": message("without-stop-count"),
+    "running": message("without-running"),
+    "heartbeat": message("without-heartbeat"),
+    "alarm": message("without-alarm"),
+}
 """Those that every survey is told of; position and setup have findings of their own, conditions stand in the result."""
 
 
@@ -41,15 +46,15 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     ``without`` are conditions of which somebody else speaks.
     """
     if survey.plc.silent:
-        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))), *assumed(survey, without))
+        return (finding("warning", message("no-signals", whys=list(_without_signals(survey)))), *assumed(survey, without))
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.signal_names]
-    findings = [Finding(code="signals-absent", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
+    missing = [said for name, said in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
+    findings = [finding("warning", message("signals-absent.position", whys=texts))] if texts else []
     if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         text = message("signals-absent.setup")
         findings.append(finding("warning", text))
     if missing:
-        findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
+        findings.append(finding("info", message("signals-absent", whys=missing)))
     return (*findings, *assumed(survey, without))
 
 
@@ -59,34 +64,34 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
         return ()
     told = (*survey.plc.signal_names, *promised(survey))
     needed = needed_conditions(survey)
-    values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told and name not in without]
+    unsaid = [name for name in needed if name not in told and name not in without]
+    values = [message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)) for name in unsaid]
     if not values:
         return ()
     text = message("air-unknown.plan", values=values)
     return (finding("warning", text),)
 
 
-def _without_signals(survey: Survey) -> Iterator[str]:
+def _without_signals(survey: Survey) -> Iterator[Message]:
     """Yield what cannot be told apart where the laser alone places and names the stops."""
-    yield "the machine says nothing: the stops are placed and named by the laser's plateaus, each at its planned position"
-    yield "which setup is driven is what a person says, for the laser all body diagonals are alike"
-    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    yield message("unseen-all")
+    yield message("unseen-person")
+    yield message("unseen-elsewhere")
     if alike := _alike(survey):
-        text = f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
-        yield f"{text}, nor a pass that begins one stop too early or too late"
+        yield message("unseen-alike-late", axes=alike)
     if any(setup_of(setup).kind == "linear" for setup in survey.plan.setups):
-        yield "all steps of a linear run are alike: one that begins a stop too early or too late is noticed only by the way back"
-    yield "a lost beam ends the pass, and an alarm or a control that hangs is not noticed"
+        yield message("unseen-linear")
+    yield message("unseen-beam")
 
 
-def _without_position(survey: Survey) -> Iterator[str]:
-    yield "the commanded position is not read, so every stop is taken to be where the plan has it"
-    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+def _without_position(survey: Survey) -> Iterator[Message]:
+    yield message("unseen-position")
+    yield message("unseen-elsewhere")
     if "setup" in survey.plc.signal_names and len(_diagonals(survey)) > 1:
-        yield "a program that drives another diagonal than its setup code is not noticed: for the laser all body diagonals are alike"
+        yield message("unseen-diagonal")
     alike = _alike(survey)
     if alike:
-        yield f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
+        yield message("unseen-alike", axes=alike)
 
 
 def _diagonals(survey: Survey) -> list[str]:

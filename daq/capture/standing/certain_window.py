@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
 from stepdiag.daq.capture.standing.steadiness import against_itself
 from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Window, summarise
@@ -41,8 +42,7 @@ class Taken:
     from_ns: float
     to_ns: float
     beam: float
-    doubtful: str = ""
-    codes: tuple[str, ...] = ()
+    doubts: tuple[Message, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [taken for part in before if (taken := certain_window(stream, part, rules)) is not None]
-    sure = [taken for taken in earlier if not taken.doubtful]
+    sure = [taken for taken in earlier if not taken.doubts]
     taken = certain_window(stream, last, rules)
     return [*sure, taken] if taken is not None else sure or earlier[-1:]
 
@@ -102,7 +102,8 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     whole = take(span, start, part.to_ns, rules, stream.resolution_um)
     if whole is None:
         return None
-    return _doubted(_steadiest(stream, part, whole, rules), against_itself(span.position_mm, whole.window, stream.resolution_um))
+    taken = _steadiest(stream, part, whole, rules)
+    return replace(taken, doubts=(*taken.doubts, *against_itself(span.position_mm, whole.window, stream.resolution_um)))
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
@@ -118,12 +119,6 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
     return whole
 
 
-def _doubted(taken: Taken, doubts: list[tuple[str, str]]) -> Taken:
-    words = [text for text in (taken.doubtful, *(text for _, text in doubts)) if text]
-    codes = (*(("stop-doubtful",) if taken.doubtful else ()), *(code for code, _ in doubts))
-    return replace(taken, doubtful="; ".join(words), codes=tuple(dict.fromkeys(codes)))
-
-
 def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float) -> Taken | None:
     """Return the statistics of a span of readings, its bounds, and why it is not steady; None where it holds too few samples."""
     if len(span.time_ns) < MIN_SAMPLES:
@@ -131,21 +126,21 @@ def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_
     least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
     window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
-    doubts = [_unsteady(window, rules)]
+    doubts = _unsteady(window, rules)
     if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:
-        doubts.append(f"only {(to_ns - from_ns) * 1e-9:.3f} s of the dwell are certain, {rules.min_window_s:g} s are wanted: dwell longer")
+        doubts.append(message("stop-doubtful.short", certain_s=(to_ns - from_ns) * 1e-9, least_s=rules.min_window_s))
     if span.unusable > len(span.time_ns):
-        doubts.append(f"{span.unusable} of {span.unusable + len(span.time_ns)} samples are unusable")
-    return Taken(window=window, from_ns=from_ns, to_ns=to_ns, beam=beam, doubtful="; ".join(text for text in doubts if text))
+        doubts.append(message("stop-doubtful.unusable", unusable=span.unusable, count=span.unusable + len(span.time_ns)))
+    return Taken(window=window, from_ns=from_ns, to_ns=to_ns, beam=beam, doubts=tuple(doubts))
 
 
-def _unsteady(window: Window, rules: StopRules) -> str:
-    """Return in words why a window is not steady: its trend beyond doubt too steep, or its scatter too wide; empty if it is."""
+def _unsteady(window: Window, rules: StopRules) -> list[Message]:
+    """Return why a window is not steady: its trend beyond doubt too steep, or its scatter too wide; nothing if it is."""
     if abs(window.slope_um_s) > rules.max_slope_um_s + 3.0 * window.u_slope_um_s:
-        return f"still moving at {window.slope_um_s:.2f} um/s (limit {rules.max_slope_um_s:g})"
+        return [message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)]
     if window.scatter_um > rules.max_scatter_um:
-        return f"scatter {window.scatter_um:.2f} um (limit {rules.max_scatter_um:g})"
-    return ""
+        return [message("stop-doubtful.scatter", scatter_um=window.scatter_um, limit_um=rules.max_scatter_um)]
+    return []
 
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.standing.window import Window, inliers
 
 BLOCKS = 32
@@ -27,20 +28,20 @@ ON_THE_WAY = 0.5
 """Who leaves is first seen nearer than this share of how far he goes: a count that slips is at once where it stays."""
 
 
-def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[tuple[str, str]]:
-    """Return (code, words) for whatever makes a window doubtful by itself; nothing for a quiet one.
+def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[Message]:
+    """Return whatever makes a window doubtful by itself; nothing for a quiet one.
 
     ``position_mm`` (n,) are its samples in order of time, those left out of the mean included; ``resolution_um`` is the least step that the
     instrument has shown.
     """
     count, same = len(position_mm), _longest_run(position_mm)
     if resolution_um <= RESTLESS_UM and same >= max(FROZEN_SAMPLES, FROZEN_SHARE * count):
-        return [("laser-frozen", f"the laser sent one value {same} times of {count}: it is frozen")]
+        return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
-        return [("window-step", f"a step of {step_um:+.1f} um inside the dwell: a slip of the count, a jerk of the machine, or the mirror")]
+        return [message("window-step", step_um=step_um)]
     wrong = window.rejected - _leaving(position_mm)
     if wrong > WRONG_LINES + WRONG_SHARE * count:
-        return [("window-step", f"{wrong} of {count} samples lie far from the others: more than noise explains")]
+        return [message("window-step.strays", wrong=wrong, count=count)]
     return []
 
 

@@ -5,8 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Words
 from stepdiag.daq.formats.framing.counter import Break
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Notice, NoticeCode, Samples
 
 Columns = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]
 """Counter, position in mm, beam, flags; each of shape (rows,)."""
@@ -36,11 +37,15 @@ class Batch:
             self._channels.append(channels)
         self.count += len(counter)
 
+    def note(self, code: NoticeCode, why: Words = "", *, value: float | None = None, name: str = "", index: int | None = None) -> None:
+        """Add a remark before the next sample, or before the one at ``index``; the rest as in `Notice`."""
+        self.notices.append(Notice(code=code, index=self.count if index is None else index, why=why, value=value, name=name))
+
     def remark(self, breaks: Iterable[Break], keep: NDArray[np.bool_]) -> None:
         """Append what was wrong with the counter of the rows that are added next; ``keep`` (rows,) is False for rows left out."""
         for found in breaks:
             index = self.count + int(keep[: found.row].sum())
-            self.notices.append(Notice(code=found.code, index=index, text=found.text, value=found.missing))
+            self.note(found.code, found.why, value=found.missing, index=index)
 
     def doubt(self, flag: Flag) -> None:
         """Set ``flag`` in every sample added so far."""

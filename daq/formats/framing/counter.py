@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, message
+
 LONGEST_WRAP_GAP = 1000
 """Samples believed to be missing across the end of a counter; more is taken for an instrument that was reset."""
 LONGEST_GAP = 10_000_000
@@ -35,7 +37,7 @@ class Break:
 
     code: Literal["gap", "duplicate", "restart"]
     row: int
-    text: str
+    why: Message
     missing: int | None = None
 
 
@@ -99,7 +101,7 @@ class CounterTrack:
     def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
         """Return the true step to ``current`` and what is wrong with it."""
         if current == previous:
-            return 0, Break("duplicate", row, f"count {current} came again")
+            return 0, Break("duplicate", row, message("count-again", count=current))
         step: int | None = current - previous
         if current < previous:
             over_the_end = (wrap.across(previous, current) for wrap in self._wraps)
@@ -108,9 +110,9 @@ class CounterTrack:
             return 1, _restart(row, previous, current)
         missing = step - 1
         if missing:
-            return step, Break("gap", row, f"{missing} samples missing between counts {previous} and {current}", missing)
+            return step, Break("gap", row, message("samples-between", count=missing, a=previous, b=current), missing)
         return step, None
 
 
 def _restart(row: int, previous: int, current: int) -> Break:
-    return Break("restart", row, f"the count went from {previous} to {current}: the instrument began anew")
+    return Break("restart", row, message("began-anew", a=previous, b=current))

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, message
+
 Frames = NDArray[np.uint8]
 """Whole frames, shape (frames, size)."""
 
@@ -23,9 +25,9 @@ class Junk:
     begins: bytes = b""
 
     @property
-    def text(self) -> str:
+    def why(self) -> Message:
         """Return this in words."""
-        return f"{self.count} bytes that are no frame" + (f", beginning with {self.begins.hex(' ')}" if self.begins else "")
+        return message("junk-begins", count=self.count, bytes=self.begins.hex(" ")) if self.begins else message("junk", count=self.count)
 
 
 class FrameBuffer:

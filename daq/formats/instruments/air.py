@@ -12,11 +12,12 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch
 from stepdiag.daq.formats.framing.checks import require
 from stepdiag.daq.formats.framing.lines import LineBuffer, quote
 from stepdiag.daq.formats.instruments.line import line_pattern
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 TOLD = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
 """What a line may tell: the names of the pattern's groups, and the order of the channels."""
@@ -98,13 +99,13 @@ class AirDecoder:
     def _add(self, line: bytes, batch: Batch) -> None:
         found = self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0")) if len(line) <= _LINE_CAP else None
         if found is None:
-            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that does not match: {quote(line)}"))
+            batch.note("garbage", message("line-no-match", quoted=quote(line)))
             return
         groups = found.groupdict()
         values = np.array([self._value(name, groups.get(name)) for name in TOLD])
         known = np.isfinite(values)
         for name, value in zip(np.array(TOLD)[known].tolist(), values[known].tolist(), strict=True):
-            batch.notices.append(Notice(code="environment", index=batch.count, text=name, value=value))
+            batch.note("environment", name=name, value=value)
         flags = np.array([0 if known.any() else Flag.DEVICE_ERROR], dtype=np.uint16)
         batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
         self._number += 1

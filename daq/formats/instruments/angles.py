@@ -17,7 +17,7 @@ from stepdiag.daq.formats.framing.batch import Batch
 from stepdiag.daq.formats.framing.checks import require
 from stepdiag.daq.formats.framing.lines import LineBuffer, quote
 from stepdiag.daq.formats.instruments.line import line_pattern
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 AngleUnit = Literal["arcsec", "urad", "mrad", "deg"]
 URAD = {"arcsec": math.pi / 180 / 3600 * 1e6, "urad": 1.0, "mrad": 1e3, "deg": math.pi / 180 * 1e6}
@@ -90,7 +90,7 @@ class AnglesDecoder:
         found = self._pattern.fullmatch(line.decode("latin-1")) if len(line) <= _LINE_CAP else None
         values = self._values(found.groupdict()) if found is not None else None
         if values is None:
-            batch.notices.append(Notice(code="garbage", index=batch.count, text=quote(line)))
+            batch.note("garbage", quote(line))
             return
         flags = np.zeros(1, dtype=np.uint16)
         if not np.isfinite(values).all():

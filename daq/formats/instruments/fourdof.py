@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
 from stepdiag.daq.formats.framing.checks import require
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
 from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
 from stepdiag.daq.formats.framing.lines import LineBuffer, quote
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +99,7 @@ class FourdofDecoder:
     def _feed_binary(self, chunk: bytes, batch: Batch) -> None:
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+                batch.note("garbage", part.why)
             else:
                 self._add(_binary_rows(part), batch)
 
@@ -108,7 +109,7 @@ class FourdofDecoder:
             if rows is not None:
                 self._add(rows, batch)
             elif line.strip():
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that is no frame: {quote(line)}"))
+                batch.note("garbage", message("line-no-frame", quoted=quote(line)))
 
     def _add(self, rows: _Rows, batch: Batch) -> None:
         followed = self._track.follow(rows.counter)

@@ -13,7 +13,7 @@ from stepdiag.daq.formats.framing.counter import LONGEST_WRAP_GAP, CounterTrack,
 from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
 from stepdiag.daq.formats.framing.layout import ByteOrder, Place, read_layout
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 LARGEST_FRAME = 1024
 
@@ -116,7 +116,7 @@ class FramesDecoder:
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+                batch.note("garbage", part.why)
             else:
                 self._add(part, batch)
         return batch.samples(arrival_ns)

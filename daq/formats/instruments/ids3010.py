@@ -10,10 +10,11 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_sign
 from stepdiag.daq.formats.framing.lines import LINE_CAP, LineBuffer, quote
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +102,7 @@ class Ids3010Decoder:
             answer = _decode(line)
             numbers = [float(each) for each in answer.result or () if isinstance(each, (int, float))]
         except (msgspec.MsgspecError, UnicodeDecodeError, OverflowError):
-            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"no answer of an IDS3010: {quote(line)}"))
+            batch.note("garbage", message("no-ids-answer", quoted=quote(line)))
             return
         if answer.error is not None or not numbers or len(numbers) != len(answer.result or ()):
             self._refused(answer, line, batch)
@@ -110,7 +111,7 @@ class Ids3010Decoder:
         elif answer.id == _QUALITY and len(numbers) == 3:
             self._beam = min(max(numbers[1] / self._settings.contrast_full, 0.0), 1.0)
         elif answer.id in _AIR and len(numbers) == 2 and numbers[0] == 0:
-            batch.notices.append(Notice(code="environment", index=batch.count, text=_AIR[answer.id][1], value=numbers[1]))
+            batch.note("environment", name=_AIR[answer.id][1], value=numbers[1])
         else:
             self._refused(answer, line, batch)
 
@@ -119,10 +120,8 @@ class Ids3010Decoder:
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")
         said = quote(why.encode()) if isinstance(why, str) else quote(line)
-        text = f"the instrument answers {said}"
-        if error.get("code") == _UNKNOWN_METHOD:
-            text += "; its firmware may want the other laser.ids3010.interface"
-        batch.notices.append(Notice(code="device", index=batch.count, text=text))
+        answers = message("instrument-answers", quoted=said)
+        batch.note("device", message("other-interface", what=answers) if error.get("code") == _UNKNOWN_METHOD else answers)
         if answer.id == _DISPLACEMENT:
             self._append(float("nan"), Flag.DEVICE_ERROR, batch)
 
@@ -134,7 +133,7 @@ class Ids3010Decoder:
             flag = Flag.SATURATED
         elif warning:
             flag = Flag.DEVICE_ERROR
-            batch.notices.append(Notice(code="device", index=batch.count, text=f"the instrument warns with number {warning}"))
+            batch.note("device", message("instrument-warns", number=warning))
         self._append(picometres * _MM * self._settings.sign, flag, batch)
 
     def _append(self, position_mm: float, flag: Flag, batch: Batch) -> None:

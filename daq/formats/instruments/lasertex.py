@@ -11,12 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
 from stepdiag.daq.formats.framing.checks import require, require_sign
 from stepdiag.daq.formats.framing.checksums import CHECKSUMS
 from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
 from stepdiag.daq.formats.framing.layout import Place
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +101,7 @@ class LasertexDecoder:
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+                batch.note("garbage", part.why)
                 continue
             codes = part[:, 1].astype(np.int64) << 8 | part[:, 2]
             for start, end in _runs(codes):
@@ -115,7 +116,7 @@ class LasertexDecoder:
             for frame in frames:
                 self._hear_weather(bytes(frame), batch)
         elif code not in _ANSWERED and code != _VELOCITY:
-            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a frame of unknown kind {code:04x}"))
+            batch.note("garbage", message("frame-unknown", code=f"{code:04x}"))
 
     def _add(self, frames: Frames, batch: Batch) -> None:
         position_mm = _VALUE.column(frames, "big").astype(np.float64) * _MM * self._settings.sign
@@ -141,7 +142,8 @@ class LasertexDecoder:
         else:
             self._material_c[sensor] = temperature_c
             told = {"material_temperature_c": sum(self._material_c.values()) / len(self._material_c)}
-        batch.notices += [Notice(code="environment", index=batch.count, text=name, value=value) for name, value in told.items()]
+        for name, value in told.items():
+            batch.note("environment", name=name, value=value)
 
 
 def _is_whole(frame: bytes) -> bool:

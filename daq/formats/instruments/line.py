@@ -17,12 +17,13 @@ import re2
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.counter import LONGEST_WRAP_GAP, CounterTrack, Wrap
 from stepdiag.daq.formats.framing.lines import LINE_CAP, LineBuffer, arrivals_of_lines, quote
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +129,7 @@ class LineDecoder:
             elif line.strip():
                 self._add(rows, batch)
                 rows = []
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that does not match: {quote(line)}"))
+                batch.note("garbage", message("line-no-match", quoted=quote(line)))
             if self._first_line:
                 self._first_line = False
                 self._add(rows, batch)

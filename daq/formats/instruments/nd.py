@@ -6,10 +6,11 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.formats.framing.batch import Batch
 from stepdiag.daq.formats.framing.checks import require, require_sign
 from stepdiag.daq.formats.framing.lines import quote
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +89,7 @@ class NdDecoder:
             self._axis = 1
         elif byte == _NAK:
             self.resync()
-            self._add_refusal("the display refuses the request (NAK)", batch)
+            self._add_refusal(message("display-refuses"), batch)
         elif byte == _LF:
             line = bytes(self._line).strip()
             self._line.clear()
@@ -108,20 +109,19 @@ class NdDecoder:
             if self._grammar.fullmatch(line):
                 self._add(float(line) * self._mm, Flag(0), batch)
             else:
-                self._add_refusal(f"the display answers {quote(line)} in the place of a value", batch)
+                self._add_refusal(message("display-instead", quoted=quote(line)), batch)
         self._axis += 1
 
     def _drop_half_answer(self, batch: Batch) -> None:
         if self._line or 0 < self._axis <= self._settings.axis:
-            text = f"an answer ended before the value of axis {self._settings.axis}: {quote(bytes(self._line))}"
-            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+            batch.note("device", message("answer-ended", axis=self._settings.axis, quoted=quote(bytes(self._line))))
         self.resync()
 
     def _add_garbage(self, raw: bytes, batch: Batch) -> None:
-        batch.notices.append(Notice(code="garbage", index=batch.count, text=f"no answer of a display: {quote(raw)}"))
+        batch.note("garbage", message("no-display-answer", quoted=quote(raw)))
 
-    def _add_refusal(self, text: str, batch: Batch) -> None:
-        batch.notices.append(Notice(code="device", index=batch.count, text=text))
+    def _add_refusal(self, why: Message, batch: Batch) -> None:
+        batch.note("device", why)
         self._add(float("nan"), Flag.DEVICE_ERROR, batch)
 
     def _add(self, position_mm: float, flag: Flag, batch: Batch) -> None:

@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch
 from stepdiag.daq.formats.framing.checks import require, require_sign
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
 from stepdiag.daq.formats.framing.frames import JUNK_CAP, Junk
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +45,15 @@ _TRIGGER, _SOURCE, _EVEN, _STATE = 0x0030, 0x0031, 0x0696, 0x0773
 _EVENTS_ON, _DATA_ON, _AVERAGE, _MARKER_ON, _MARKER_RESET, _MARKER_TIMEOUT = 0x0145, 0x0146, 0x0771, 0x07EB, 0x07EC, 0x07ED
 _DATA = 0x0F00
 _NO_TRIGGER, _POSITIONS = 0, 2
-_STATES = {0: "the wavelength control is still being prepared", 1: "", 2: "the wavelength control has failed"}
+_STATES = {0: message("wavelength-prepared"), 1: None, 2: message("wavelength-failed")}
 _READY = 1
-_REASONS = {1: "invalid address", 2: "value out of range", 3: "ignored", 4: "verify failed", 5: "wrong type"}
+_REASONS = {
+    1: message("reason-address"),
+    2: message("reason-range"),
+    3: message("reason-ignored"),
+    4: message("reason-verify"),
+    5: message("reason-type"),
+}
 _RATE_HZ = 25_000.0
 _MM = 1e-9
 _LOW24, _MARKER7, _HIGH_MARK = 0xFFFFFF, 0x7F, 1 << 31
@@ -94,7 +101,7 @@ class QudisDecoder:
         batch = Batch()
         for part in self._telegrams.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+                batch.note("garbage", part.why)
             else:
                 self._take(part, batch)
         return batch.samples(arrival_ns)
@@ -105,32 +112,30 @@ class QudisDecoder:
         if opcode == _TELL and address == _DATA:
             self._add(index, words, batch)
         elif opcode == _TELL and _DATA < address < _DATA + _CHANNELS:
-            text = f"readings of channel {address - _DATA}, and none but those of channel 0 were asked for"
-            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+            batch.note("device", message("other-channel", channel=address - _DATA))
         elif opcode == _ACK and len(words) and words[0]:
-            reason = _REASONS.get(int(words[0]), f"reason {words[0]}")
-            batch.notices.append(Notice(code="device", index=batch.count, text=f"the instrument refuses address {address:04x}: {reason}"))
+            reason = _REASONS.get(int(words[0])) or message("reason-number", number=int(words[0]))
+            batch.note("device", message("instrument-refuses", address=f"{address:04x}", reason=reason))
         elif address == _STATE and len(words) == 1 + (opcode == _ACK):
             self._hear_state(int(words[-1]), batch)
         elif opcode == _ACK and address == _SOURCE and index == 0 and len(words) == 2:
             self._hear_source(int(words[1]), batch)
 
     def _hear_state(self, state: int, batch: Batch) -> None:
-        if state != self._state and (text := _STATES.get(state, f"unknown state {state}")):
-            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+        if state != self._state and (why := _STATES.get(state, message("unknown-state", number=state))):
+            batch.note("device", why)
         self._state = state
 
     def _hear_source(self, source: int, batch: Batch) -> None:
         """Take what channel 0 carries: an axis or a way of measuring that the instrument has not is not set, and another one goes on."""
         self._other_source = source != self._source
         if self._other_source:
-            text = f"channel 0 carries source {source}, asked for was {self._source}: this instrument has not that axis or feature"
-            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+            batch.note("device", message("other-source", found=source, wanted=self._source))
 
     def _add(self, index: int, words: NDArray[np.int64], batch: Batch) -> None:
         low, high = words[0 : len(words) // 2 * 2 : 2], words[1::2]
         if not len(high) or len(words) % 2 or (low & _HIGH_MARK).any() or not (high & _HIGH_MARK).all():
-            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"{len(words)} words of positions that are not in pairs"))
+            batch.note("garbage", message("words-unpaired", count=len(words)))
             return
         count = np.arange(len(low), dtype=np.int64) + (index & 0xFFFFFFFF)
         followed = self._track.follow(count)

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
 from stepdiag.daq.formats.framing.checks import require
 from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,7 @@ class TqdDecoder:
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=f"{part.count} bytes that are no reading"))
+                batch.note("garbage", message("junk-reading", count=part.count))
             else:
                 self._add(part, batch)
         return batch.samples(arrival_ns)

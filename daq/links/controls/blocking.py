@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
 from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
@@ -127,7 +127,7 @@ class BlockingLink(ABC):
         """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were asked for."""
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")
-            found = f"{len(data)} for {wanted.table} {wanted.address}"
+            found = message("found-count-for", count=len(data), table=wanted.table, address=wanted.address)
             raise StaleAnswerError(self._address, expected=message("expects-bytes", count=wanted.byte_count), found=found, remedy=remedy)
         return data
 
@@ -167,7 +167,7 @@ def silent(address: str, waited_s: float) -> LostConnectionError:
 def not_installed(address: str, extra: str) -> LostConnectionError:
     """Return the error for a library that is missing."""
     found = message("found-no-extra", name=extra)
-    return LostConnectionError(address, expected=message("expects-library"), found=found, remedy=f'install "stepdiag[{extra}]"')
+    return LostConnectionError(address, expected=message("expects-library"), found=found, remedy=message("do-install", extra=extra))
 
 
 def hang_up(connection: socket.socket | None) -> None:
@@ -177,18 +177,19 @@ def hang_up(connection: socket.socket | None) -> None:
             connection.shutdown(socket.SHUT_RDWR)
 
 
-_REMEDIES = {
-    errno.ECONNREFUSED: "the host is there and nothing listens on this port: check plc.port, and that {protocol} is switched on there",
-    errno.EHOSTUNREACH: "nobody has this address: check plc.host, the control's power and its cable",
-    errno.ENETUNREACH: "there is no way to this network from here: check plc.host and this computer's network",
-    errno.ETIMEDOUT: "neither an answer nor a refusal: a wrong plc.host, or a firewall that swallows the connection ({firewall})",
-}
-
-
-def unreachable(error: OSError, waited_s: float, protocol: str, firewall: str) -> tuple[str, str]:
+def unreachable(error: OSError, waited_s: float, protocol: Words, firewall: Message) -> tuple[Words, Message]:
     """Return what was found instead of a connection, and what to do about it."""
     if isinstance(error, socket.gaierror):
-        return "no such name", "check plc.host, or give its address"
+        return message("found-no-name"), message("do-plc-host")
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
-    found = f"silence for {waited_s:g} s" if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
-    return found, _REMEDIES.get(code, "check plc.host and plc.port").format(protocol=protocol, firewall=firewall)
+    silence = message("found-silence-for", seconds_s=waited_s)
+    match code:
+        case errno.ECONNREFUSED:
+            return os.strerror(code), message("do-plc-nothing-listens", protocol=protocol)
+        case errno.EHOSTUNREACH:
+            return os.strerror(code), message("do-plc-nobody")
+        case errno.ENETUNREACH:
+            return os.strerror(code), message("do-plc-no-way")
+        case errno.ETIMEDOUT:
+            return silence, message("do-plc-firewall", firewall=firewall)
+    return os.strerror(code) if code else str(error), message("do-plc-address")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
 from stepdiag.daq.records.events import ReadRange
@@ -23,7 +23,7 @@ _LARGEST_READ = 65536
 _LARGEST_ANSWER = 1_000_000
 """What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
-_FIREWALL = "on newer controls LSV2 has to be allowed in the network settings (recalled, not verified)"
+_FIREWALL = message("firewall-lsv2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +51,7 @@ class Lsv2Link(BlockingLink):
         from pyLSV2.const import MemoryType
         from pyLSV2.err import LSV2InputException
 
-        what = f"reading {wanted.count} of {wanted.table} from {wanted.address}"
+        what = message("reading-memory", count=wanted.count, table=wanted.table, address=wanted.address)
         try:
             values = self._client.read_plc_memory(wanted.address, MemoryType[_MEMORIES[wanted.table]], wanted.count)
         except LSV2InputException as error:
@@ -73,7 +73,11 @@ class Lsv2Link(BlockingLink):
         return bytes(int(value) & 0xFF for value in values)
 
     def _write(self, table: str, address: int, value: int) -> None:
-        raise RefusedRequestError(self._address, expected=message("expects-not-written"), found=f"{value} for {table} {address}")
+        raise RefusedRequestError(
+            self._address,
+            expected=message("expects-not-written"),
+            found=message("found-count-for", count=value, table=table, address=address),
+        )
 
 
 @dataclass(slots=True)
@@ -153,7 +157,7 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
 
 
 def _no_connection(settings: Lsv2Settings, error: OSError) -> DeviceError:
-    found, remedy = unreachable(error, CONNECT_S, "LSV2 interface", _FIREWALL)
+    found, remedy = unreachable(error, CONNECT_S, message("protocol-lsv2"), _FIREWALL)
     return LostConnectionError(settings.address, expected=message("expects-lsv2"), found=found, remedy=remedy)
 
 
@@ -170,13 +174,13 @@ def _senseless(address: str, error: Exception) -> DeviceError:
     The connection is given up: answers have no number, and what is left of this one would count as the next.
     """
     remedy = message("do-other-product")
-    found = f"bytes of something else ({type(error).__name__}: {str(error)[:120]})"
+    found = message("found-other-bytes", bytes=f"{type(error).__name__}: {str(error)[:120]}")
     return LostConnectionError(address, expected=message("expects-lsv2"), found=found, remedy=remedy)
 
 
-def _said(client: "LSV2") -> str:
+def _said(client: "LSV2") -> Message:
     """Return the name of the control's last refusal."""
-    return f"a refusal ({client.last_error.e_code.name})"
+    return message("found-refusal", what=client.last_error.e_code.name)
 
 
 def _socket(client: "LSV2") -> socket.socket:

@@ -38,7 +38,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
 
-_FIREWALL = "in the control, or between the networks of office and machines"
+_FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
 """How long connecting may take, however soon answers must come: TCP asks again after one second where the first packet was lost
 (RFC 6298, 2.1)."""
@@ -136,7 +136,7 @@ class ModbusLink:
             answer = await self._exchange(lambda: self._client.write_registers(address, [value % 65536], device_id=self._settings.unit))
             if answer.isError():
                 self._in_step = True
-                raise refusal(self._settings.address, f"writing holding register {address}", answer.exception_code)
+                raise refusal(self._settings.address, message("writing-register", address=address), answer.exception_code)
             if answer.function_code != _WRITE_REGISTERS:
                 raise stale(self._settings.address, self.lateness.words)
             self._in_step = True
@@ -149,7 +149,7 @@ class ModbusLink:
         answer = await self._read_range(wanted)
         if answer.isError():
             self._in_step = True
-            what = f"reading {wanted.count} of table {wanted.table} from {wanted.address}"
+            what = message("reading-table", count=wanted.count, table=wanted.table, address=wanted.address)
             self.refusals[wanted] = refusal(self._settings.address, what, answer.exception_code)
             return b""
         data = _wire_bytes(wanted, answer)

@@ -9,7 +9,7 @@ DeviceError
 """
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 
 
 class LostConnectionError(DeviceError):
@@ -34,37 +34,32 @@ class WrongUnitError(RefusedRequestError):
 
 # Modbus Application Protocol V1.1b3, section 7: the codes and what they mean.
 _REFUSALS = {
-    1: ("illegal function", "the control does not serve this table: map the signal to another one (many serve holding registers only)"),
-    2: (
-        "illegal data address",
-        "the register map of the survey does not fit the control: check table, address and whether it counts from 0",
-    ),
-    3: ("illegal data value", "the control does not serve so many registers at once: check the addresses of the signals"),
-    4: ("device failure", "check the unit id (plc.unit) and the control's Modbus program"),
-    6: ("device busy", "lower plc.poll_hz"),
+    1: (message("mb-function"), message("do-other-table")),
+    2: (message("mb-address"), message("do-register-map")),
+    3: (message("mb-value"), message("do-fewer-registers")),
+    4: (message("mb-device"), message("do-unit-program")),
+    6: (message("mb-busy"), message("do-lower-poll")),
 }
-_GATEWAY_CODES = {10: "gateway path unavailable", 11: "the target behind the gateway does not respond"}
+_GATEWAY_CODES = {10: message("mb-gateway-path"), 11: message("mb-gateway-target")}
 
 
-def refusal(device: str, what: str, code: int) -> RefusedRequestError:
+def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
     """Return the error for exception reply ``code`` to ``what`` (``reading 10 of table holding from 0``)."""
     if code in _GATEWAY_CODES:
         found = message("modbus-exception", code=code, what=_GATEWAY_CODES[code])
         return WrongUnitError(device, expected=message("expects-answer-to", what=what), found=found, remedy=message("do-unit"))
-    name, remedy = _REFUSALS.get(code, ("of no standard meaning", "see the manual of the control"))
+    name, remedy = _REFUSALS.get(code, (message("mb-unknown"), message("do-manual")))
     return RefusedRequestError(
         device, expected=message("expects-answer-to", what=what), found=message("modbus-exception", code=code, what=name), remedy=remedy
     )
 
 
-def silence(device: str, timeout_s: float, *, serial: bool, late: str = "") -> SilentDeviceError:
+def silence(device: str, timeout_s: float, *, serial: bool, late: Words = "") -> SilentDeviceError:
     """Return the error for an answer that did not come; ``late`` says that answers do come, after that time."""
     if late:
         return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("none-yet"), remedy=late)
-    check = "baud rate, parity, wiring and unit id" if serial else "that the control's Modbus program runs, and the unit id"
-    return SilentDeviceError(
-        device, expected=message("expects-answer", seconds_s=timeout_s), found=message("silence"), remedy=f"check {check} (plc.unit)"
-    )
+    check = message("do-serial-unit") if serial else message("do-program-runs")
+    return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("silence"), remedy=check)
 
 
 def unreachable(device: str, timeout_s: float) -> LostConnectionError:
@@ -86,7 +81,7 @@ def lost(device: str) -> LostConnectionError:
     return LostConnectionError(device, expected=message("expects-lasting"), found=message("found-ended"), remedy=message("do-itself"))
 
 
-def stale(device: str, late: str = "") -> StaleAnswerError:
+def stale(device: str, late: Words = "") -> StaleAnswerError:
     """Return the error for an answer that belongs to another request; ``late`` says by how much answers are late."""
     remedy = late or message("do-timeout")
     return StaleAnswerError(device, expected=message("expects-this-answer"), found=message("found-earlier"), remedy=remedy)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import structlog
 
+from stepdiag.base.messages import Words, joined
 from stepdiag.daq.links.controls.machine import MachineLink, MachineSettings, open_machine
 from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
 from stepdiag.daq.links.reconnect import Report, raise_if_cancelled
@@ -31,7 +32,7 @@ class MachinePoller:
         ranges: Sequence[ReadRange],
         period_s: float,
         on_block: Callable[[ModbusBlock], None],
-        on_written: Callable[[str], None] = lambda _: None,
+        on_written: Callable[[Words], None] = lambda _: None,
     ) -> None:
         self._settings = settings
         self._ranges = tuple(ranges)
@@ -68,9 +69,9 @@ class MachinePoller:
                 failures += 1
                 if failures == SILENT_POLLS_TO_RECONNECT:
                     raise
-                report("silent", str(error))
+                report("silent", error.message)
             except RefusedRequestError as error:
-                report("silent", str(error))
+                report("silent", error.message)
                 await asyncio.sleep(REFUSED_WAIT_S)
             else:
                 failures = 0
@@ -104,12 +105,12 @@ class MachinePoller:
         pending = self._pending
         if pending is None:
             return
-        refused = ""
+        refused: Words = ""
         try:
             await link.write_word(*pending)
         except RefusedRequestError as error:
-            refused = str(error)
-            _log.warning("write-refused", detail=refused)
+            refused = error.message
+            _log.warning("write-refused", detail=str(error))
         if self._pending is pending:
             self._pending = None
         self._on_written(refused)
@@ -120,6 +121,7 @@ def _end(rest: asyncio.Future[None] | None) -> None:
         rest.set_result(None)
 
 
-def _describe(link: MachineLink, settings: MachineSettings) -> str:
+def _describe(link: MachineLink, settings: MachineSettings) -> Words:
     """Return the address, what is refused of the block, and how late it answers."""
-    return "; ".join([settings.address, *(str(error) for error in link.refusals.values()), *filter(None, (link.lateness.words,))])
+    late = link.lateness.words
+    return joined([settings.address, *(error.message for error in link.refusals.values()), *([late] if late else [])])

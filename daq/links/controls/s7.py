@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
 from stepdiag.daq.records.events import ReadRange
@@ -28,12 +28,12 @@ Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
 """What was refused is asked for again after a second, for it may have passed, then after twice as long each time: somebody may load the
 block meanwhile, and the poll that finds out is not of one moment."""
-_FIREWALL = "on an 828D port 102 has to be opened in the firewall of the company network (recalled, not verified)"
+_FIREWALL = message("firewall-s7")
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
 _REMEDIES = {
-    "03": "the control forbids it: a password or a protection level is set, or PUT/GET access by partners is not allowed",
-    "05": "the data block is shorter: check the addresses in the survey ([plc]) against the control's program",
-    "0a": "there is no such data block on this control: check the tables in the survey ([plc]), and rack and slot",
+    "03": message("do-s7-forbidden"),
+    "05": message("do-s7-shorter"),
+    "0a": message("do-s7-no-block"),
 }
 _OTHER = re.compile(r"TPKT version|protocol ID")
 
@@ -89,7 +89,7 @@ class S7Link(BlockingLink):
         from snap7.type import Area
 
         items = [{"area": Area.DB, "db_number": int(each.table[2:]), "start": each.address, "size": each.count} for each in wanted]
-        answers = self._ask("reading", lambda: self._client.read_multi_vars(items)[1])
+        answers = self._ask(message("reading-all"), lambda: self._client.read_multi_vars(items)[1])
         return {each: self._whole(each, bytes(data)) for each, data in zip(wanted, answers, strict=True)}
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
@@ -102,14 +102,14 @@ class S7Link(BlockingLink):
         return data
 
     def _fetch(self, wanted: ReadRange) -> bytes:
-        what = f"reading {wanted.count} bytes of {wanted.table} from {wanted.address}"
+        what = message("reading-bytes", count=wanted.count, table=wanted.table, address=wanted.address)
         return bytes(self._ask(what, lambda: self._client.db_read(int(wanted.table[2:]), wanted.address, wanted.count)))
 
     def _write(self, table: str, address: int, value: int) -> None:
         data = bytearray(struct.pack(">H", value))
-        self._ask(f"writing a word of {table} at {address}", lambda: self._client.db_write(int(table[2:]), address, data))
+        self._ask(message("writing-word", table=table, address=address), lambda: self._client.db_write(int(table[2:]), address, data))
 
-    def _ask(self, what: str, work: Callable[[], Result]) -> Result:
+    def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
         """Do it, and have what the library raises said in words."""
         from snap7.error import S7Error, S7TimeoutError
 
@@ -155,23 +155,23 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
     from snap7.error import S7TimeoutError
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
-        found, remedy = unreachable(error.__context__, CONNECT_S, "S7 communication", _FIREWALL)
+        found, remedy = unreachable(error.__context__, CONNECT_S, message("protocol-s7"), _FIREWALL)
         return LostConnectionError(settings.address, expected=message("expects-connection"), found=found, remedy=remedy)
     if _OTHER.search(str(error)):
-        found, remedy = f"bytes of something else ({error})", "another product listens there: check plc.host and plc.port"
+        found, remedy = message("found-other-bytes", bytes=str(error)), message("do-other-product")
     elif isinstance(error, S7TimeoutError):
-        found, remedy = f"silence for {CONNECT_S:g} s", "the port is open and nobody speaks S7 there: check plc.host and plc.port"
+        found, remedy = message("found-silence-for", seconds_s=CONNECT_S), message("do-nobody-s7")
     else:
         refusal, rack = message("found-refusal", what=str(error)), message("do-rack")
         return LostConnectionError(settings.address, expected=message("expects-s7"), found=refusal, remedy=rack)
     return LostConnectionError(settings.address, expected=message("expects-s7"), found=found, remedy=remedy)
 
 
-def _refusal(address: str, what: str, error: Exception) -> DeviceError:
+def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
     """Return what went wrong with a request: a refusal by the control, bytes that make no sense, or the end of the connection."""
     refused = _REFUSED.search(str(error))
     if refused is not None:
-        remedy = _REMEDIES.get(refused["code"], "see the manual of the control")
+        remedy = _REMEDIES.get(refused["code"], message("do-manual"))
         return RefusedRequestError(address, expected=message("expects-answer-to", what=what), found=refused["words"].lower(), remedy=remedy)
     if getattr(error, "error_code", None) is not None:
         asked, protected = message("expects-answer-to", what=what), message("do-protected")

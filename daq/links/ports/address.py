@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 _SCHEME = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<rest>.*)\Z", re.DOTALL)
 _PLACE = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252}))(?::(?P<port>[0-9]{1,5}))?\Z")
@@ -34,10 +35,7 @@ def network_line(name: str, field: str = "port") -> NetworkLine | None:
         return None
     scheme, place = found["scheme"].lower(), host_and_port(found["rest"].removesuffix("/"))
     if scheme not in ("socket", "rfc2217") or place is None:
-        raise UsageError(
-            field, expected="a serial port, socket://host:port or rfc2217://host:port", found=repr(name),
-            remedy="the host as a name or an address ([::1] in brackets), then the TCP port of the terminal server's line",
-        )  # fmt: skip
+        raise UsageError(field, expected=message("expects-port"), found=repr(name), remedy=message("do-host-then-port"))
     return NetworkLine("socket" if scheme == "socket" else "rfc2217", *place)
 
 

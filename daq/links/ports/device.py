@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from stepdiag.base.messages import Message
+
 LARGEST_READ = 65536
 BUSY_WAIT_S = 0.1
 """How long a read waits on a line that is expected to bring something at any moment."""
@@ -21,10 +23,14 @@ class SerialSettings:
     rts: bool = True
 
 
+LossKind = Literal["lost-port", "lost-system", "lost-framing", "lost-parity", "lost-break"]
+"""The message of a loss of bytes."""
+
+
 class Device(Protocol):
     """An open line, used by one thread."""
 
-    detail: str
+    detail: Message
     """The line in words, as a person wants to see it when it is open."""
     low_latency: bool
     """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on them."""
@@ -44,11 +50,8 @@ class Device(Protocol):
         """Send ``data``. Raises OSError where the line is gone."""
         ...
 
-    def lost(self) -> dict[str, int]:
-        """Return how often what was lost since the line was opened, as it says itself; nothing where it says nothing. Any thread.
-
-        The keys are words for where it was, with a place for ``{times}``.
-        """
+    def lost(self) -> dict[LossKind, int]:
+        """Return how often what was lost since the line was opened, as it counts itself; nothing where it does not count. Any thread."""
         ...
 
     def close(self) -> None:

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 
+from stepdiag.base.messages import Words, message
+
 TRANSACTIONS_KEPT = 64
 
 
@@ -47,10 +49,6 @@ class Lateness:
             self.after_s = max(self.after_s, self._heard_s - self._missed_s)
 
     @property
-    def words(self) -> str:
+    def words(self) -> Words:
         """Return what to do about late answers; empty while none was seen."""
-        return (
-            f"answers come up to {self.after_s:.2f} s after the request: raise plc.timeout_s above {self.after_s:.2f} s"
-            if self.after_s
-            else ""
-        )
+        return message("answers-late", after_s=self.after_s) if self.after_s else ""

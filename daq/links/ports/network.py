@@ -13,9 +13,9 @@ import struct
 import time
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.ports.address import NetworkLine
-from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, SerialSettings
+from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, LossKind, SerialSettings
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
@@ -26,11 +26,10 @@ _SHOWN = 12
 """Bytes of something else that are shown."""
 ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
 _REMEDIES = {
-    errno.ECONNREFUSED: "the host is there and nothing listens on this port: check the port, and that the line is switched on in the"
-    " terminal server (one that serves a single computer may be taken by another)",
-    errno.EHOSTUNREACH: "nobody has this address: check the host, its power and its cable",
-    errno.ENETUNREACH: "there is no way to this network from here: check the address and this computer's network",
-    errno.ETIMEDOUT: "neither an answer nor a refusal: a wrong address, or a firewall that swallows the connection",
+    errno.ECONNREFUSED: message("do-nothing-listens"),
+    errno.EHOSTUNREACH: message("do-nobody-address"),
+    errno.ENETUNREACH: message("do-no-way"),
+    errno.ETIMEDOUT: message("do-firewall"),
 }
 
 
@@ -43,7 +42,7 @@ def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
         return _agreed(settings, connection)
     except OSError as error:
         connection.close()
-        raise _no_rfc2217(settings.port, f"the connection ended ({error})") from error
+        raise _no_rfc2217(settings.port, message("found-connection-ended", why=str(error))) from error
     except DeviceError:
         connection.close()
         raise
@@ -55,7 +54,7 @@ class NetworkPort:
     low_latency = True
 
     def __init__(self, name: str, connection: socket.socket) -> None:
-        self.detail = f"{name}, connected"
+        self.detail = message("port-connected", port=name)
         self._connection = connection
         connection.settimeout(None)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6)))
@@ -78,7 +77,7 @@ class NetworkPort:
         """Send ``data``."""
         self._connection.sendall(data)
 
-    def lost(self) -> dict[str, int]:
+    def lost(self) -> dict[LossKind, int]:
         """Return nothing: TCP loses no byte of a connection that stands, and what the server lost it does not tell."""
         return {}
 
@@ -94,7 +93,7 @@ class Rfc2217Port(NetworkPort):
 
     def __init__(self, name: str, connection: socket.socket, codec: ComPort) -> None:
         super().__init__(name, connection)
-        self.detail = f"{name}, {codec.agreed}"
+        self.detail = message("port-agreed", port=name, settings=codec.agreed)
         self._codec = codec
 
     def read(self, *, ready: bool) -> bytes:
@@ -151,14 +150,14 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
     return Rfc2217Port(settings.port, connection, codec)
 
 
-def _heard(codec: ComPort, other: bytes) -> str:
+def _heard(codec: ComPort, other: bytes) -> Message:
     """Return what came instead of an agreement."""
     if codec.speaks:
-        return f"no agreement to all settings within {AGREE_S:g} s"
-    return f"bytes of something else ({other.hex(' ')} ...)" if other else f"silence for {AGREE_S:g} s"
+        return message("found-no-agreement", seconds_s=AGREE_S)
+    return message("found-other-bytes", bytes=f"{other.hex(' ')} ...") if other else message("found-silence-for", seconds_s=AGREE_S)
 
 
-def _no_rfc2217(name: str, found: str) -> DeviceError:
+def _no_rfc2217(name: str, found: Words) -> DeviceError:
     remedy = message("do-socket")
     return DeviceError(message("where-port", name=name), expected=message("expects-rfc2217"), found=found, remedy=remedy)
 
@@ -175,5 +174,5 @@ def _refusal(name: str, error: OSError) -> DeviceError:
         message("where-port", name=name),
         expected=message("expects-connection"),
         found=found,
-        remedy=_REMEDIES.get(code, "check host and port in the survey"),
+        remedy=_REMEDIES.get(code, message("do-host-port")),
     )

@@ -11,7 +11,7 @@ import time
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.address import network_line
-from stepdiag.daq.links.ports.device import Device, SerialSettings
+from stepdiag.daq.links.ports.device import Device, LossKind, SerialSettings
 from stepdiag.daq.links.ports.network import open_network
 from stepdiag.daq.links.ports.tty import Tty
 
@@ -80,7 +80,7 @@ class OpenPort:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
-    def lost(self) -> dict[str, int]:
+    def lost(self) -> dict[LossKind, int]:
         """Return how often what was lost, as the line itself says (`Device.lost`); nothing where it is closed. From any thread."""
         with self._closing:
             return {} if self._closed else self._device.lost()

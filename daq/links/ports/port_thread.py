@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.base.messages import Message, message
+from stepdiag.daq.links.ports.device import LossKind, SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.reconnect import Report
-from stepdiag.daq.records.events import LOST
 
 SILENT_AFTER_S = 2.0
 """Without a byte for so long a line is silent."""
@@ -31,20 +31,20 @@ class Losses:
     """
 
     def __init__(self) -> None:
-        self._said: dict[str, int] = {}
+        self._said: dict[LossKind, int] = {}
         self._rests_until_s = 0.0
 
-    def news(self, counted: Mapping[str, int], now_s: float) -> str:
-        """Return in words what was lost since this last returned something: the first at once, then at most every `EVERY_S`.
+    def news(self, counted: Mapping[LossKind, int], now_s: float) -> tuple[Message, ...]:
+        """Return what was lost since this last returned something: the first at once, then at most every `EVERY_S`.
 
-        ``counted`` holds how often each kind of loss came since the line was opened; its words have a place for ``{times}``.
+        ``counted`` holds how often each kind of loss came since the line was opened.
         """
-        more = {words: count - self._said.get(words, 0) for words, count in counted.items() if count > self._said.get(words, 0)}
+        more = {kind: count - self._said.get(kind, 0) for kind, count in counted.items() if count > self._said.get(kind, 0)}
         if not more or now_s < self._rests_until_s:
-            return ""
+            return ()
         self._said |= counted
         self._rests_until_s = now_s + EVERY_S
-        return "; ".join(words.format(times=f"{count} times") for words, count in more.items())
+        return tuple(message(kind, count=count) for kind, count in more.items())
 
 
 class PortThread:
@@ -83,12 +83,10 @@ class PortThread:
             await asyncio.wait({self._ended}, timeout=_WATCH_S)
             silent_s = time.monotonic() - port.last_byte_s
             lost = losses.news(port.lost(), time.monotonic())
-            tail = f"; {LOST}{lost}" if lost else ""
             if silent_s > SILENT_AFTER_S:
-                words = f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate"
-                report("silent", words + tail)
+                report("silent", message("no-byte", port=port.name, seconds_s=SILENT_AFTER_S), lost)
             else:
-                report("connected", port.detail + tail)
+                report("connected", port.detail, lost)
 
     async def _end(self, thread: threading.Thread) -> None:
         self._unwanted.set()

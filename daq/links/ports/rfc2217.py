@@ -7,6 +7,7 @@ asked for binary transmission (RFC 856); option 44 carries the settings, each an
 import struct
 from typing import Literal
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.links.ports.device import SerialSettings
 
 _IAC, _DONT, _DO, _WONT, _WILL, _SB, _SE = 255, 254, 253, 252, 251, 250, 240
@@ -37,8 +38,8 @@ class ComPort:
         self._agreed: set[int] = set()
         self.speaks = False
         """Whether the other side has said anything in Telnet."""
-        self.refused = ""
-        """Why the line cannot be used as asked; empty while nothing speaks against it."""
+        self.refused: Message | None = None
+        """Why the line cannot be used as asked; None while nothing speaks against it."""
 
     @property
     def settled(self) -> bool:
@@ -46,10 +47,10 @@ class ComPort:
         return bool(self._asked) and self._agreed >= set(self._asked)
 
     @property
-    def agreed(self) -> str:
+    def agreed(self) -> Message:
         """Return the settings in words."""
         line = self._settings
-        return f"{line.baud} baud {line.bytesize}{line.parity}{line.stopbits} set at the terminal server"
+        return message("line-agreed", baud=line.baud, frame=f"{line.bytesize}{line.parity}{line.stopbits}")
 
     def opening(self) -> bytes:
         """Return what to say first."""
@@ -115,7 +116,7 @@ class ComPort:
         if verb == _DO and option == _COM_PORT and not self._asked:
             self._ask()
         elif verb == _DONT and option == _COM_PORT:
-            self.refused = "the terminal server does not take settings of its line (option 44 refused)"
+            self.refused = message("found-no-settings")
         elif verb == _DO and option not in _OURS:
             self._answers += bytes((_IAC, _WONT, option))
         elif verb == _WILL and option not in (*_THEIRS, _COM_PORT):
@@ -145,4 +146,4 @@ class ComPort:
             self._agreed.add(which)
         else:
             found, wanted = (int.from_bytes(each, "big") for each in (value, self._asked[which]))
-            self.refused = f"the terminal server keeps {_NAMES[which]} {found} where {wanted} is asked for"
+            self.refused = message("found-keeps", setting=_NAMES[which], found=found, wanted=wanted)

@@ -14,13 +14,13 @@ import serial
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
-from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, SerialSettings
+from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, LossKind, SerialSettings
 
 _REMEDIES = {
-    errno.ENOENT: "check that the device is plugged in and that the survey names its port (a stable name is under /dev/serial/by-id)",
-    errno.EACCES: "give the user the right to the port (group dialout, or the udev rule that comes with the program)",
-    errno.EBUSY: "another program has the port open: end it",
-    errno.EAGAIN: "another program has the port open: end it",
+    errno.ENOENT: message("do-plugged"),
+    errno.EACCES: message("do-right"),
+    errno.EBUSY: message("do-other-program"),
+    errno.EAGAIN: message("do-other-program"),
 }
 
 
@@ -28,13 +28,7 @@ TIOCGICOUNT = 0x545D
 """ioctl_tty(2); not in `termios`."""
 _COUNTS = struct.Struct("20i")
 """serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk, buf_overrun, nine reserved."""
-_LOSSES = {
-    7: "the port's own buffer ran over {times}, adapter or computer were too slow",
-    10: "the system's buffer ran over {times}, this program did not read in time",
-    6: "framing was wrong {times}, look at baud rate, line settings and cable",
-    8: "parity was wrong {times}, look at parity and cable",
-    9: "the line was broken {times}, look at plug and cable",
-}
+_LOSSES: dict[int, LossKind] = {7: "lost-port", 10: "lost-system", 6: "lost-framing", 8: "lost-parity", 9: "lost-break"}
 
 
 class Tty:
@@ -55,8 +49,8 @@ class Tty:
             raise _refusal(settings.port, error) from error
         self.low_latency = _set_low_latency(self._serial)
         self._counted = self._counts()
-        latency = "low latency" if self.low_latency else "no low-latency mode"
-        self.detail = f"{settings.port}, {settings.baud} baud, {latency}"
+        latency = message("low-latency") if self.low_latency else message("no-low-latency")
+        self.detail = message("port-settings", port=settings.port, baud=settings.baud, latency=latency)
 
     def fileno(self) -> int:
         """Return the descriptor of the line."""
@@ -77,11 +71,11 @@ class Tty:
         except termios.error as error:
             raise OSError(str(error)) from error
 
-    def lost(self) -> dict[str, int]:
+    def lost(self) -> dict[LossKind, int]:
         """Return how often the driver counted each kind of loss since the port was opened; nothing where it does not count (a pty)."""
         now = self._counts()
         more = [after - before for before, after in zip(self._counted, now, strict=True)] if len(now) == len(self._counted) else []
-        return {words: more[at] for at, words in _LOSSES.items() if more and more[at] > 0}
+        return {kind: more[at] for at, kind in _LOSSES.items() if more and more[at] > 0}
 
     def _counts(self) -> tuple[int, ...]:
         try:
@@ -121,5 +115,5 @@ def _refusal(name: str, error: Exception) -> DeviceError:
         )
     code = error.errno if isinstance(error, OSError) else None
     found = os.strerror(code) if code else str(error)
-    remedy = _REMEDIES.get(code or 0, "check the port and its settings in the survey")
+    remedy = _REMEDIES.get(code or 0, message("do-port-survey"))
     return DeviceError(message("where-serial", name=name), expected=message("expects-opens"), found=found, remedy=remedy)

@@ -6,6 +6,7 @@ A file a control, to be read as what it is; each says where its addresses come f
 from importlib.resources import files
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 
@@ -13,6 +14,6 @@ CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 def control_section(name: str, host: str) -> str:
     """Return what follows ``[plc]`` in a survey file for the control of this name at ``host``, with its comments. Raises UsageError."""
     if name not in CONTROLS:
-        raise UsageError("control", expected=f"one of {', '.join(CONTROLS)}", found=repr(name))
+        raise UsageError("control", expected=message("expects-one-of", names=list(CONTROLS)), found=repr(name))
     text = files("stepdiag.daq.survey.controls").joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return text.replace("{host}", host)

@@ -200,7 +200,7 @@ def _scaled(case: TableCase, fits: Sequence[_Fit]) -> Judgement | None:
         return None
     # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
     factor = max(alike, key=lambda fit: (round(abs(fit.alike), 6), -fit.left)).factor
-    text = message("right-shape-times-as", factor=abs(factor)) if factor < 0 else message("right-shape-times-as-2", factor=abs(factor))
+    text = message("right-shape-times-as", factor=abs(factor)) if factor < 0 else message("right-shape-other-size", factor=abs(factor))
     return case.says("scaled", text, factor)
 
 

@@ -33,7 +33,7 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
         text = (
             message("no-table-for-it", name=curve.name, size_um=size_um)
             if profile.assumed
-            else message("no-table-for-it-2", name=curve.name, size_um=size_um)
+            else message("no-table-though-asked", name=curve.name, size_um=size_um)
         )
         yield Judgement(function=curve.name, table=None, code="missing", words=text)
 

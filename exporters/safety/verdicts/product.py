@@ -33,7 +33,7 @@ def of_product(case: TableCase, result: Result) -> Judgement:
         return case.says("sign-turned", message("product-with-opposite-sign"), -1.0)
     if abs(alike) < ALIKE:
         return case.says("unlike", message("field-result-holds-nothing"))
-    text = message("times-as-large-as", factor=abs(factor)) if factor < 0 else message("times-as-large-as-2", factor=abs(factor))
+    text = message("times-as-large-as", factor=abs(factor)) if factor < 0 else message("times-too-large", factor=abs(factor))
     return case.says("scaled", text, factor)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 
 Vector = NDArray[np.float64]
 
@@ -66,9 +67,9 @@ class Air:
             if implausible.any():
                 raise DataError(
                     f"environment: {signal}",
-                    expected=f"{low:g} to {high:g}",
+                    expected=message("range-of-figures", low=low, high=high),
                     found=f"{values[implausible].flat[0]:g}",
-                    remedy="check the sensor, its register and its scale",
+                    remedy=message("check-sensor-its-register"),
                 )
             object.__setattr__(self, name, values)
 

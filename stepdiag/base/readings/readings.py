@@ -192,7 +192,7 @@ def in_mm(readings: Readings, source: str) -> Readings:
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
-        remedy = message("metres")
+        remedy = message("reads-like-metres")
         raise DataError(f"{source}: x_mm, y_mm, z_mm", expected=message("in-mm"), found=message("volume-of", size=found), remedy=remedy)
     return readings
 
@@ -233,7 +233,7 @@ class _Row(NamedTuple):
 def _yes_or_no(fields: dict[str, str], name: str, where: str) -> bool:
     text = fields.get(name, "")
     if text not in ("", "0", "1"):
-        raise DataError(f"{where}: {name}", expected="1 or 0", found=repr(text))
+        raise DataError(f"{where}: {name}", expected=message("one-or-zero"), found=repr(text))
     return text == "1"
 
 
@@ -254,7 +254,9 @@ def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]]
             remedy = message("own-number")
             raise DataError(where, expected=message("stop-once", stop=stops[twice[0]]), found=message("it-twice"), remedy=remedy)
         if stops[0] != 0:
-            raise DataError(where, expected="stop 0", found=message("in-place", stop=stops[0]), remedy=message("relative"))
+            raise DataError(
+                where, expected=message("first-stop"), found=message("in-place", stop=stops[0]), remedy=message("relative-to-first")
+            )
         missing = int(stops[-1]) + 1 - len(stops)
         if missing > max(1, int(MOST_MISSING * len(stops))):
             first = int(stops[int(np.argmax(np.diff(stops) > 1))]) + 1

@@ -63,15 +63,19 @@ def parse_rtl(text: str, source: str) -> Rtl:
         where = f"{source}: deviation {number}"
         run, target, deviation = _row(line, where)
         if not (1 <= run <= runs and 1 <= target <= len(targets)):
-            expected = f"run 1 to {runs} and target 1 to {len(targets)}"
-            raise DataError(where, expected=expected, found=f"run {run}, target {target}")
+            expected = message("runs-and-targets", runs=runs, targets=len(targets))
+            raise DataError(where, expected=expected, found=message("run-target", run=run, target=target))
         if not np.isnan(deviations[run - 1, target - 1]):
-            raise DataError(where, expected="every target once in a run", found=f"run {run}, target {target} again")
+            raise DataError(where, expected=message("every-target-once-run"), found=message("run-target-again", run=run, target=target))
         deviations[run - 1, target - 1] = deviation
     missing = np.argwhere(np.isnan(deviations))
     if len(missing):
         run, target = (int(each) + 1 for each in missing[0])
-        raise DataError(source, expected=f"{runs} runs of {len(targets)} targets", found=f"no deviation of run {run} at target {target}")
+        raise DataError(
+            source,
+            expected=message("runs-targets", runs=runs, targets=len(targets)),
+            found=message("no-deviation-run-at", run=run, target=target),
+        )
     both_ways = _both_ways(texts, runs)
     return Rtl(targets_mm=targets, deviations_um=deviations, both_ways=both_ways, texts=texts)
 
@@ -86,14 +90,16 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
             continue
         name = found["name"].upper().strip()
         if name in sections and name != "EOF":
-            raise DataError(f"{source}: {name}", expected="every section once", found="twice")
+            raise DataError(f"{source}: {name}", expected=message("every-section-once"), found="twice")
         sections[name] = []
     for needed in ("TARGET DATA", "RUNS", "DEVIATIONS"):
         if needed not in sections:
             found_names = ", ".join(each for each in sections if each) or "none"
-            raise DataError(source, expected=f"a section {needed}:: of an .rtl file", found=f"the sections {found_names}")
+            raise DataError(
+                source, expected=message("section-rtl-file", needed=needed), found=message("sections-of-file", found_names=found_names)
+            )
     if "EOF" not in sections:
-        raise DataError(source, expected="EOF:: at the end", found=message("none"), remedy="the file was cut off: copy it again")
+        raise DataError(source, expected=message("eof-at-end"), found=message("none"), remedy=message("file-was-cut-off"))
     return sections
 
 
@@ -102,14 +108,16 @@ def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
     for key in ("file type", "filetype", "title", "measurement", "measurement type"):
         text = texts.get(key, "").lower()
         if key != "title" and any(word in text for word in _OTHER):
-            remedy = "straightness and angles in .rtl are refused until one of them has been seen; give the readings as CSV"
-            raise DataError(f"{source}: {key}", expected="lengths (a linear measurement)", found=repr(texts[key]), remedy=remedy)
+            remedy = message("straightness-angles-rtl-are")
+            raise DataError(f"{source}: {key}", expected=message("lengths-linear-measurement"), found=repr(texts[key]), remedy=remedy)
 
 
 def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
     text = texts.get(key, "")
     if not text.isascii() or not text.isdecimal() or not 1 <= int(text[:9]) <= most:
-        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(text) if text else message("nothing"))
+        raise DataError(
+            f"{source}: {key}", expected=message("whole-number-from-one", most=most), found=repr(text) if text else message("nothing")
+        )
     return int(text)
 
 
@@ -118,16 +126,16 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
     lines = sections["TARGET DATA"]
     begin = next((number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")), None)
     if begin is None:
-        raise DataError(f"{source}: TARGET DATA", expected="the line Targets :", found=message("none"))
+        raise DataError(f"{source}: TARGET DATA", expected=message("line-targets"), found=message("none"))
     end = next((number for number, line in enumerate(lines[begin + 1 :], begin + 1) if ":" in line), len(lines))
     words = [word for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end]) for word in line.split()]
     targets = [_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)]
     if len(targets) != count or count < 2:
-        raise DataError(f"{source}: Targets", expected=f"Target-count: {count} numbers, two or more", found=str(len(targets)))
+        raise DataError(f"{source}: Targets", expected=message("target-count-numbers-two", count=count), found=str(len(targets)))
     found = np.array(targets)
     steps = np.diff(found)
     if not ((steps > 0).all() or (steps < 0).all()):
-        raise DataError(f"{source}: Targets", expected="targets that rise or fall all along", found=message("others"))
+        raise DataError(f"{source}: Targets", expected=message("targets-rise-fall-all"), found=message("other-ones"))
     return found
 
 
@@ -139,23 +147,23 @@ def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int,
             continue
         number += 1
         if number > MOST_RUNS * MOST_TARGETS:
-            raise DataError(source, expected="fewer deviations", found=str(number))
+            raise DataError(source, expected=message("fewer-deviations"), found=str(number))
         yield number, line
 
 
 def _row(line: str, where: str) -> tuple[int, int, float]:
     words = line.split()
     if len(words) != 3 or not (words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9):
-        raise DataError(where, expected="run, target and deviation", found=repr(excerpt(line.strip())))
+        raise DataError(where, expected=message("run-target-deviation"), found=repr(excerpt(line.strip())))
     deviation = _number(words[2], where)
     if abs(deviation) > LARGEST_DEVIATION_UM:
-        raise DataError(where, expected=f"a deviation in um, below {LARGEST_DEVIATION_UM:g}", found=words[2])
+        raise DataError(where, expected=message("deviation-um-below", largest_deviation_um=LARGEST_DEVIATION_UM), found=words[2])
     return int(words[0]), int(words[1]), deviation
 
 
 def _number(word: str, where: str) -> float:
     if not _NUMBER.fullmatch(word) or abs(float(word)) > LARGEST:
-        raise DataError(where, expected="a number with a decimal point", found=repr(excerpt(word)))
+        raise DataError(where, expected=message("number-with-decimal-point"), found=repr(excerpt(word)))
     return float(word)
 
 
@@ -174,7 +182,7 @@ def rtl_readings(file: Rtl, setup: str, at_mm: Sequence[float], source: str) -> 
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
         found = message("spot-axis", number=repr(file.texts.get("axis", "")))
-        raise UsageError(source, expected="an axis x, y or z", found=found, remedy="name it: linear-x=FILE.rtl")
+        raise UsageError(source, expected=message("axis-x-y-z"), found=found, remedy=message("name-linear-x-file"))
     index = "xyz".index(axis)
     last = len(file.targets_mm) - 1
     rows = []
@@ -198,13 +206,15 @@ def with_runs(readings: Readings, runs: Sequence[tuple[str, list[tuple[int, int,
     columns: dict[str, list[object]] = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")}
     for setup, rows in runs:
         if setup in (*readings.setup, *columns["setup"]):
-            raise UsageError(source, expected=f"{setup} once", found="twice: in the readings, or in two files")
+            raise UsageError(source, expected=message("setup-once", setup=setup), found=message("twice-readings-two-files"))
         for number, stop, position, reading in rows:
             if (np.array(position) < low - 1.0).any() or (np.array(position) > high + 1.0).any():
                 place = ", ".join(f"{each:g}" for each in position)
                 volume = " to ".join(str(np.round(each, 3).tolist()) for each in (low, high))
-                remedy = "targets count in machine coordinates; say where the line lies: linear-x=FILE.rtl@0,200,150"
-                raise UsageError(f"{source}: {setup}", expected=f"targets within {volume} mm", found=f"({place})", remedy=remedy)
+                remedy = message("targets-count-machine-coordinates")
+                raise UsageError(
+                    f"{source}: {setup}", expected=message("targets-within-mm", volume=volume), found=f"({place})", remedy=remedy
+                )
             for name, value in zip(columns, (setup, number, stop, position, reading), strict=True):
                 columns[name].append(value)
     added = make_readings(**columns)  # type: ignore[arg-type]
@@ -221,14 +231,14 @@ def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
     index = "xyz".index(setup[-1])
     passes = {key.number: rows for key, rows in readings.passes().items() if key.setup == setup}
     if 1 not in passes:
-        raise DataError(setup, expected="an outward pass", found=f"passes {sorted(passes) or 'none'}")
+        raise DataError(setup, expected=message("outward-pass"), found=message("these-passes", passes=sorted(passes)))
     targets = readings.position_mm[passes[1], index]
     deviations = []
     for number, rows in sorted(passes.items()):
         at, off = readings.position_mm[rows, index], readings.reading_mm[rows]
         outward = PassKey(setup, number).outward
         if len(at) != len(targets) or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3:
-            raise DataError(f"{setup}, pass {number}", expected="the targets of the first pass", found=message("others"))
+            raise DataError(f"{setup}, pass {number}", expected=message("targets-first-pass"), found=message("other-ones"))
         run = (off - off[0] - (at - at[0])) * 1e3
         deviations.append(run if outward else run[::-1])
     return _written(setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts)

@@ -118,7 +118,7 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     """
     laser = [run for run in plan.runs if not run.is_fourdof]
     if not laser:
-        raise UsageError("plan: setups", expected="at least one run of the laser", found=message("none"))
+        raise UsageError("plan: setups", expected=message("at-least-one-run"), found=message("none"))
     parts = [part for run in laser for part in _passes(plan, run)]
     count = sum(len(stops) for _, _, stops, _ in parts)
     return make_readings(

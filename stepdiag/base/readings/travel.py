@@ -47,12 +47,18 @@ def _check_each_move(
     most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
     crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
     for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
-        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message("no-move")
+        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message(
+            "without-move"
+        )
         allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
-        one = "a move of all axes" if setup.kind == "body" else f"a move of one axis, {allowed},"
-        remedy = message("order")
+        remedy = message("stop-out-of-order")
         raise DataError(
-            message("place-stop", run=where, stop=stop[index + 1]), expected=f"{one} from stop {stop[index]}", found=found, remedy=remedy
+            message("place-stop", run=where, stop=stop[index + 1]),
+            expected=message("move-of-all-axes", stop=int(stop[index]))
+            if setup.kind == "body"
+            else message("move-of-one-axis", allowed=allowed, stop=int(stop[index])),
+            found=found,
+            remedy=remedy,
         )
 
 
@@ -63,7 +69,7 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     moved = [axis for axis in range(3) if setup.signs[axis]]
     steps, left = divmod(int(stop[-1]), len(moved))
     if left:
-        found = f"{int(stop[-1]) + 1} stops"
+        found = message("number-of-stops", value=int(stop[-1]) + 1)
         raise DataError(where, expected=message("moves-each", count=len(moved)), found=found, remedy=message("was-cut"))
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
@@ -75,7 +81,7 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
             message("place-stop", run=where, stop=stop[worst]),
             expected=message("equal-steps", steps=steps),
             found=message("axes-at", places=[f"{value:g}" for value in position[worst]]),
-            remedy=message("short"),
+            remedy=message("pass-too-short"),
         )
 
 
@@ -86,7 +92,7 @@ def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume
     travel = position[-1] - position[0]
     if np.any(np.abs(travel - signs * np.array(volume.size_mm)) > 3.0 * volume.tolerance_mm):
         found = message("all-by", sizes=[f"{value:g}" for value in travel])
-        raise DataError(where, expected=message("corner"), found=found)
+        raise DataError(where, expected=message("corner-to-corner"), found=found)
 
 
 def laser_sense(readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]) -> int:
@@ -115,6 +121,6 @@ def check_laser(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
         return
     where = f"{source}: {key}"
     if abs(ratio + 1) <= LASER_TOLERANCE:
-        raise DataError(where, expected=message("growing"), found=message("opposite"), remedy=message("sign"))
-    remedy = "readings are in mm, from the pass's first stop; check setup, unit and scale"
-    raise DataError(where, expected=message("agree"), found=message("ratio", ratio=ratio), remedy=remedy)
+        raise DataError(where, expected=message("readings-that-grow"), found=message("opposite-sign"), remedy=message("set-laser-sign"))
+    remedy = message("readings-are-mm-from")
+    raise DataError(where, expected=message("steps-that-agree"), found=message("share-of-steps", ratio=ratio), remedy=remedy)

@@ -178,8 +178,8 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     length = float(np.linalg.norm(size))
     if distance_mm.min() < -BEYOND_MM or distance_mm.max() > length + BEYOND_MM:
         found = message("mm-to", low=distance_mm.min(), high_mm=distance_mm.max())
-        remedy = "targets of a straight body diagonal count from the corner where it starts"
-        raise UsageError(diagonal, expected=f"targets from 0 to {length:.3f} mm", found=found, remedy=remedy)
+        remedy = message("targets-straight-body-diagonal")
+        raise UsageError(diagonal, expected=message("targets-from-0-mm", length=length), found=found, remedy=remedy)
     along = diagonal_direction(result.volume, diagonal)
     corner = np.where(travel_signs(diagonal) > 0, origin, origin + size)
     points = corner + distance_mm[:, None] * along

@@ -37,5 +37,5 @@ def _whole_if_there(node: Node, name: str) -> int | None:
         return None
     value = node.child(name).number()
     if not value.is_integer():
-        node.child(name).refuse(message("whole"))
+        node.child(name).refuse(message("whole-number"))
     return int(value)

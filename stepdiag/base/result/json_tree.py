@@ -21,13 +21,13 @@ def load_json(text: str, source: str) -> "Node":
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
-        raise DataError(f"{source}: line {error.lineno}", expected="a JSON document", found=error.msg) from None
+        raise DataError(f"{source}: line {error.lineno}", expected=message("json-document"), found=error.msg) from None
     except RecursionError:
-        raise DataError(source, expected="a JSON document", found="brackets nested beyond reason") from None
+        raise DataError(source, expected=message("json-document"), found=message("brackets-nested-beyond-reason")) from None
     except ValueError as error:  # Python reads no whole number of more than 4300 digits
-        raise DataError(source, expected="a JSON document", found=str(error)) from None
+        raise DataError(source, expected=message("json-document"), found=str(error)) from None
     if _SURROGATE.search(text) and not _encodable(value):
-        raise DataError(source, expected="a JSON document", found="half of a surrogate pair: such a text cannot be written again")
+        raise DataError(source, expected=message("json-document"), found=message("half-surrogate-pair-such"))
     return Node(value, source, "")
 
 
@@ -62,7 +62,10 @@ class Node:
         path = f"{self.path}.{name}" if self.path else name
         if name not in inside:
             raise DataError(
-                f"{self.source}: {path}", expected="this entry", found=message("nothing"), remedy="this is no complete result of stepdiag"
+                f"{self.source}: {path}",
+                expected=message("this-entry"),
+                found=message("nothing"),
+                remedy=message("this-no-complete-result"),
             )
         return Node(inside[name], self.source, path, self.strict)
 
@@ -72,7 +75,7 @@ class Node:
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:
             place = f"{self.source}: {self.path}.{unknown}" if self.path else f"{self.source}: {unknown}"
-            raise DataError(place, expected=f"one of {', '.join(known)}", found="an unknown name")
+            raise DataError(place, expected=message("expects-one-of", names=list(known)), found=message("unknown-member"))
 
     def items(self) -> list["Node"]:
         if not isinstance(self.value, list):
@@ -89,7 +92,7 @@ class Node:
 
     def word(self) -> str:
         if not isinstance(self.value, str):
-            self.refuse(message("text"))
+            self.refuse(message("a-text"))
         return self.value
 
     def texts(self) -> tuple[str, ...]:
@@ -97,17 +100,17 @@ class Node:
 
     def whole(self) -> int:
         if type(self.value) is not int or abs(self.value) > LARGEST:
-            self.refuse(message("whole"))
+            self.refuse(message("whole-number"))
         return self.value
 
     def number(self) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
-            self.refuse(message("finite"))
+            self.refuse(message("finite-number"))
         return float(self.value)
 
     def truth(self) -> bool:
         if not isinstance(self.value, bool):
-            self.refuse(message("bool"))
+            self.refuse(message("true-or-false"))
         return self.value
 
     def numbers(self) -> Vector:

@@ -95,7 +95,7 @@ def test_a_run_is_captured_without_any_laser(signals):
     assert_right(stops)
     assert [each.code for each in findings] == (["signals-absent", "signals-absent"] if signals else [])
     assert [end.kind for end in ends] == ["complete"]
-    assert all(stop.reading_mm is None and not stop.broken and not stop.doubtful for stop in stops)
+    assert all(stop.reading_mm is None and not stop.broken and not stop.doubts for stop in stops)
 
 
 def test_a_laser_along_the_axis_gives_the_distance_and_judges_nothing():
@@ -153,7 +153,7 @@ def test_a_target_that_will_not_come_to_rest_is_doubtful():
     stops, findings, _ = run([*HeadLine(timeline, LATERAL, noise_um=15.0).chunks(), *timeline.polls()], text())
     assert {finding.code for finding in findings} == {"stop-doubtful"}
     assert len(stops) == 4
-    assert "scatter" in stops[0].doubtful
+    assert "scatter" in str(stops[0].why())
 
 
 def test_the_way_back_makes_the_second_pass():

@@ -6,8 +6,8 @@ import pytest
 from structlog.testing import capture_logs
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.reconnect import LONGEST_WAIT_S, Reconnector
-from stepdiag.daq.records.events import LOST
 
 
 def refusal():
@@ -32,7 +32,7 @@ def keep(session, seconds, monkeypatch):
 
         monkeypatch.setattr(loop, "time", lambda: started + moved[0])
         monkeypatch.setattr(asyncio, "sleep", sleep)
-        await Reconnector("laser", session, lambda state, detail: states.append(state)).run()
+        await Reconnector("laser", session, lambda state, *_: states.append(state)).run()
 
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(run())
@@ -90,15 +90,15 @@ def test_silence_is_a_state_between(monkeypatch):
 
 def test_lost_bytes_stand_beside_the_state_and_hide_no_silence(monkeypatch):
     async def session(report):
-        for state, detail in (
-            ("connected", "there"),
-            ("connected", f"there; {LOST}framing"),
-            ("connected", "there"),
-            ("silent", "no byte"),
-            ("connected", f"there; {LOST}parity"),
-            ("silent", "no byte"),
+        for state, detail, lost in (
+            ("connected", "there", ()),
+            ("connected", "there", (message("lost-framing", count=3),)),
+            ("connected", "there", ()),
+            ("silent", "no byte", ()),
+            ("connected", "there", (message("lost-parity", count=2),)),
+            ("silent", "no byte", ()),
         ):
-            report(state, detail)
+            report(state, detail, lost)
         raise refusal()
 
     with capture_logs() as logs:

@@ -11,12 +11,13 @@ from mcap.reader import make_reader
 
 from stepdiag.api import read_log
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.log import decoded as module
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.decoded import decoded
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.records.events import LOST, Chunk, LinkEvent
+from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.records.status import LinkState
 from stepdiag.daq.survey.file import parse_survey
 from testkit.cli import stepdiag
@@ -70,15 +71,15 @@ def test_a_laser_that_hangs_is_decoded_to_its_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "detail", "kept"),
-    [("silent", "", True), ("connected", "", True), ("connected", f"p; {LOST}framing", True), ("lost", "", False)],
+    ("state", "lost", "kept"),
+    [("silent", (), True), ("connected", (), True), ("connected", (message("lost-framing", count=1),), True), ("lost", (), False)],
 )
-def test_a_line_is_cut_where_the_recording_cut_it(tmp_path: Path, state: LinkState, detail: str, kept: bool) -> None:
+def test_a_line_is_cut_where_the_recording_cut_it(tmp_path: Path, state: LinkState, lost: tuple[Message, ...], kept: bool) -> None:
     """A link's event between two halves of a line: who decodes the log has the samples that the capture had, no fewer and no more."""
     chunks = [event for event in recording(1, lines_per_chunk=5) if isinstance(event, Chunk)]
     middle = chunks[100]
     halves = [Chunk("laser", middle.arrival_ns, middle.data[:7]), Chunk("laser", middle.arrival_ns, middle.data[7:])]
-    events = [*chunks[:100], halves[0], LinkEvent(middle.arrival_ns, "laser", state, detail), halves[1], *chunks[101:]]
+    events = [*chunks[:100], halves[0], LinkEvent(middle.arrival_ns, "laser", state, "p", lost), halves[1], *chunks[101:]]
     path = tmp_path / "0001.mcap"
     header = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS, run={"start": '{"hints": {}}'})
     write_log(path, events, header=header)

@@ -9,7 +9,7 @@ import pytest
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop, Remark
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.log.scene import MOST_DRAWN, scene_note
 from stepdiag.daq.log.topics import (
@@ -87,7 +87,7 @@ def test_every_note_fits_the_schema_of_its_channel(note: Note) -> None:
 
 
 def test_a_captured_stop_goes_into_the_log_whole() -> None:
-    names = {field.encode_name for field in msgspec.structs.fields(CapturedStop)}
+    names = {field.encode_name for field in msgspec.structs.fields(CapturedStop)} - {"doubts"} | {"doubtful", "doubt_codes", "messages"}
     logged = {name.replace("_mono_ns", "_ns") for name in stop_note(STOP).fields}
     assert logged == names
     assert stop_note(STOP).time_ns == 7
@@ -108,7 +108,7 @@ def test_a_stop_says_where_it_should_read_and_by_how_much_it_is_off() -> None:
 
 def test_the_scene_holds_box_route_and_stops_in_metres() -> None:
     """Twelve edges of the volume, the route, a sphere for each stop, doubtful ones in another colour; a long pass stays small."""
-    doubted = msgspec.structs.replace(STOP, stop=4, position_mm=(500.0, 390.0, 300.0), doubtful="unsteady")
+    doubted = msgspec.structs.replace(STOP, stop=4, position_mm=(500.0, 390.0, 300.0), doubts=(Remark("stop-doubtful", "unsteady"),))
     (entity,) = scene_note(VOLUME, [(0.0, -10.0, 0.0), (500.0, 390.0, 300.0)], [STOP, doubted]).fields["entities"]
     box, route = entity["lines"]
     assert (box["type"], len(box["points"]), route["type"], len(route["points"])) == (2, 24, 0, 2)

@@ -54,7 +54,7 @@ def off_um(each, truth):
 def test_what_the_words_say_is_the_end_of_it(tmp_path, kind, value, signals):
     fault = Fault(kind, "ppp", 1, 3, value)
     first, _ = driven(tmp_path / "once", signals, (fault,), again=False)
-    words = first.why_incomplete()
+    words = str(first.why_incomplete())
     assert words
     assert re.search(r"drive (again from stop \d|the whole pass again|the pass again)", words), words
     whole, truth = driven(tmp_path / "whole", signals, (fault,), again=True)

@@ -4,12 +4,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.daq.capture.captured_stop import Remark
 from stepdiag.daq.passes.doubt import acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.slips import step_in
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
+
+DOUBTED = (Remark("stop-doubtful", "dwell longer"),)
 
 
 def book_of(*stops, **plan):
@@ -43,7 +46,7 @@ def test_one_common_stop_alone_is_doubted_until_a_person_accepts_it():
     (only,) = passes.passes
     (doubt,) = passes.doubts()
     assert (doubt.stop, doubt.code) == (5, "reading-differs")
-    assert "drive again from stop 3 on" in only.why_incomplete()
+    assert "drive again from stop 3 on" in str(only.why_incomplete())
     passes.accept(acceptance_of(doubt, reason="mirror not touched", name="me", time_s=0.0))
     assert only.complete
     assert passes.accepted()[0][0] == doubt
@@ -51,7 +54,7 @@ def test_one_common_stop_alone_is_doubted_until_a_person_accepts_it():
 
 def test_what_is_joined_by_a_doubtful_stop_alone_is_doubted_with_it():
     """The stop measured again takes over what its reading before was off by, and hands it on: only a sure stop beside it ends the doubt."""
-    off = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + 0.01, doubtful="dwell longer") for stop in stops_of(only=[5])]
+    off = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + 0.01, doubts=DOUBTED) for stop in stops_of(only=[5])]
     lost = [msgspec.structs.replace(stop, broken="beam lost") for stop in stops_of(only=[5], zero=3.3)]
     passes = book_of(stops_of(only=range(5)), off, lost, stops_of(only=range(6, 10), zero=3.3))
     (only,) = passes.passes
@@ -68,7 +71,7 @@ def test_a_mirror_that_was_turned_never_makes_one_pass():
     turned = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm * 1.0001 + 0.05) for stop in stops_of()]
     passes = book_of(stops_of(only=range(6)), turned[3:])
     (only,) = passes.passes
-    assert "drive the whole pass again" in only.why_incomplete()
+    assert "drive the whole pass again" in str(only.why_incomplete())
     passes.add_all(turned)
     assert only.complete
     assert relative(only) == pytest.approx([reading * 1.0001 for reading in TRUE], abs=1e-9)
@@ -143,8 +146,8 @@ def test_a_slip_of_a_pass_with_two_steps_an_axis_is_named_with_both_places(outwa
     (doubt,) = [each for each in only.doubts() if each.code == "count-slip"]
     both = {at, at - 3 if at > 3 else at + 3}
     assert doubt.stop in both
-    assert {str(stop) for stop in both} <= set(doubt.text.replace(":", " ").replace(",", " ").split())
-    assert "there are only these two" in doubt.text
+    assert {str(stop) for stop in both} <= set(str(doubt.words).replace(":", " ").replace(",", " ").split())
+    assert "there are only these two" in str(doubt.words)
 
 
 def test_two_steps_of_one_axis_that_an_old_leadscrew_makes_are_no_slip():

@@ -4,14 +4,17 @@ import msgspec
 import pytest
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.findings import Finding
-from stepdiag.daq.passes.doubt import acceptance_of, says_what_to_do
+from stepdiag.base.findings import Finding, in_words
+from stepdiag.base.messages import message
+from stepdiag.daq.capture.captured_stop import marked
+from stepdiag.daq.capture.conditions import CONDITIONS
+from stepdiag.daq.passes.doubt import DRIVEN_AGAIN, acceptance_of
 from stepdiag.daq.passes.held import assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, Verdicts
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.texts.sentences import translated
+from stepdiag.texts.patterns import sentences
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
@@ -70,12 +73,15 @@ def test_what_was_driven_again_because_the_solver_said_so_is_that_pass_in_a_repl
     assert replayed.complete() is known
 
 
-def doubted(stop, *names, what="reads 0"):
-    words = "; ".join(f"{name} {what}, and something of [environment] counts in its place" for name in names)
-    return msgspec.structs.replace(stop, doubtful=words, doubt_codes=("air-unknown",))
+def doubted(stop, *names, read):
+    stated = message("value", value=20.0, unit="C")
+    for name in names:
+        unknown = message("air-unknown", name=CONDITIONS[name], read=read, stated=stated)
+        stop = marked(stop, unknown if read else message("air-unknown.silent", name=CONDITIONS[name], stated=stated))
+    return stop
 
 
-@pytest.mark.parametrize("what", ["reads 0", "is not told"])
+@pytest.mark.parametrize("read", ["0 C", ""])
 @pytest.mark.parametrize(
     ("stated", "still"),
     [
@@ -84,9 +90,9 @@ def doubted(stop, *names, what="reads 0"):
         ({"air_temperature_c": 20.0, "air_pressure_hpa": 1013.0}, False),
     ],
 )
-def test_what_was_stated_settles_the_doubts_of_it_alone(stated, still, what):
+def test_what_was_stated_settles_the_doubts_of_it_alone(stated, still, read):
     stops = stops_of()
-    stops[3] = doubted(stops[3], "air_temperature_c", "air_pressure_hpa", what=what)
+    stops[3] = doubted(stops[3], "air_temperature_c", "air_pressure_hpa", read=read)
     assert bool([each for each in settled_findings(book_of(stops), [], stated=stated) if each.code == "air-unknown"]) is still
 
 
@@ -119,7 +125,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (found,) = assumed_findings(survey, len(stops), [one])
     assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
-    assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
+    assert in_words(found, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()
     assert with_held(usual, survey, [one]).index > 1e-6 > usual.index
     assert assumed_conditions(passes, survey, {"air_pressure_hpa": 1010.0}) == ()
@@ -128,6 +134,6 @@ def test_air_that_nobody_told_is_assumed_aloud():
     assert assumed_conditions(passes, by_hand) == (), "a person said it"
 
 
-def test_nobody_is_told_twice_what_to_drive_again():
-    assert says_what_to_do("pass 1 of ppp is most probably at fault: drive it again")
-    assert not says_what_to_do("ppp out, stop 4 of 9: count slip of +20.0 um on the way to this stop (against ppp back)")
+@pytest.mark.parametrize("key", sorted(DRIVEN_AGAIN))
+def test_a_message_that_names_what_is_driven_again_is_not_given_the_words_twice(key):
+    assert "again" in "".join(part for part, _ in sentences()[key]["en"])

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import suspected
@@ -88,7 +89,7 @@ FAULTS = {
     "broken": lambda stop: msgspec.structs.replace(stop, broken="beam lost"),
     "unwatched": lambda stop: msgspec.structs.replace(stop, unwatched="no sample was seen for 9.0 s"),
     "refused": lambda stop: msgspec.structs.replace(stop, refused="wrong-axis-order"),
-    "doubted": lambda stop: marked(stop, "window-step", "the window has a step"),
+    "doubted": lambda stop: marked(stop, message("window-step", step_um=4.0)),
 }
 
 
@@ -111,6 +112,6 @@ def test_progress_and_time_end_with_the_survey_and_not_before(faults, passes) ->
     assert wanted - done == sum(each.stops for each in drives)
     for one in setup_statuses(SURVEY, driven, drives):
         again = [each for each in drives if each.setup == one.name and each.again]
-        assert all(f"pass {each.pass_number}: " in one.reason for each in again)
+        assert all(f"pass {each.pass_number}: " in str(one.reason) for each in again)
         assert bool(again) == bool(one.reason)
-        assert all(f"from stop {each.from_stop} on" in one.reason for each in again if each.from_stop)
+        assert all(f"from stop {each.from_stop} on" in str(one.reason) for each in again if each.from_stop)

@@ -1,5 +1,6 @@
 """What the daemon says that it waits for."""
 
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.service.status_source import _idle
@@ -11,8 +12,8 @@ from testkit.timeline import survey_text
 
 def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
     text, stops = survey_text(), stops_of()
-    stops[6] = marked(marked(stops[6], "window-step", "the window has a step"), "machine-alarm", "the machine reported an alarm")
+    stops[6] = marked(marked(stops[6], message("window-step", step_um=4.0)), message("machine-alarm", time="12:00:00"))
     begun = Round(tmp_path, {}, stops=tuple(stops))
     session = Session(parse_survey(text, "survey.toml"), text, begun, Nowhere(), on_outcome=lambda _: None, wall_offset_ns=lambda: 0)
     assert len(session.book.doubts()) == 2
-    assert _idle(session, "ppp") == "doubted: ppp/1/6; waiting for the program of ppp, or for somebody who accepts it"
+    assert str(_idle(session, "ppp")) == "doubted: ppp/1/6; waiting for the program of ppp, or for somebody who accepts it"

@@ -120,7 +120,7 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
         ("[environment.sensor]\nport = '/dev/air'\nformat = 'ptu300'", 'environment.source: expected "sensor" or "fixed" beside'),
         (
             "[environment]\nsource = 'sensor'\n[environment.sensor]\nport = '/dev/air'\nformat = 'ptu300'\ntemperature_unit = 'F'",
-            'environment.sensor: expected the units "C" and "hPa" for format = "ptu300", found "F and hPa"',
+            'environment.sensor: expected the units "C" and "hPa" for format = "ptu300", found F and hPa',
         ),
         ("[metrics]\nenabled = true\nport = 8420", "metrics.port: expected another port than page.port"),
     ],

@@ -138,5 +138,5 @@ def test_a_line_that_was_lost_is_a_time_when_the_laser_was_unwatched(settings, a
             buffer.feed(b"cut\n", (number * 10 + away_ms) * MS)
         if not 20 <= number < 20 + away_ms // 10:
             buffer.feed(b"1.5 %d\n" % number, number * 10 * MS)
-    assert [each.reason for each in buffer.breaks if not each.watched] == ["the line was lost for a moment"]
+    assert [str(each.reason) for each in buffer.breaks if not each.watched] == ["the line was lost for a moment"]
     assert [each.reason for each in buffer.breaks if each.watched] == []

@@ -5,13 +5,46 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
 from stepdiag.completion.completion import complete
+from stepdiag.fleet.history import Series, Survey, history_in
 from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 FIRST = datetime(2020, 1, 15, tzinfo=UTC)
+NOW = datetime(2060, 1, 1, tzinfo=UTC)
+
+
+def series_of(store: Store, machine: str = "", software: str = "") -> tuple[Series, ...]:
+    """Return the series of a store whose tables are all whole. Raises DataError with the name of one that is not."""
+    history = history_in(store, NOW, machine, software)
+    for left in history.left_out:
+        if left.damaged:
+            raise DataError(left.name, expected="a whole table", found=left.why)
+    return history.series
+
+
+def made_series(
+    values: list[float],
+    *,
+    u: float | None = 0.5,
+    quantity: str = RMS,
+    common: float = 0.0,
+    surveys: tuple[Survey, ...] | None = None,
+    days: float = 91.0,
+) -> Series:
+    """Return one number of a machine over time, a survey a quarter; ``common`` is the share of u that all surveys have in common."""
+    count, known = len(values), np.nan if u is None else u
+    if surveys is None:
+        surveys = tuple(Survey(time=FIRST + number * timedelta(days=days), name=str(number)) for number in range(count))
+    at = np.array(values, dtype=float)[:, None]
+    shown = np.column_stack([at, np.full(count, known), np.full((count, 2), np.nan)])
+    return Series(
+        machine="M", quantity=quantity, unit="um", surveys=surveys, nodes_mm=np.zeros(1), values=at, u=np.full((count, 1), known),
+        common=np.full(count, common), shown=shown,
+    )  # fmt: skip
 
 
 def finished_survey(folder: Path, machine: str = "Mill 7/ä", event: str = "") -> Path:

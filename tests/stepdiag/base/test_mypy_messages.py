@@ -18,11 +18,30 @@ def made(words: str, size_um: float, stop: int) -> None:
     message(words)
 """
 
+READS = """
+from stepdiag.base.findings import Finding, in_words
+from stepdiag.daq.records.status import FindingStatus
+
+def shown(found: Finding, status: FindingStatus) -> str:
+    if "again" in found.text:
+        return status.text
+    return in_words(found, "de") + str(found.words) + found.key
+"""
+
+
+def test_a_text_that_decides_or_is_shown_is_refused_by_the_type_checker(tmp_path: Path) -> None:
+    """The text of a finding is for logs, results and programs outside; code, key, arguments and `in_words` are for everything else."""
+    assert refused_lines(tmp_path, READS) == [6, 7]
+
+
+def refused_lines(folder: Path, source: str) -> list[int]:
+    """Return the lines that the type checker refuses."""
+    file = folder / "calls.py"
+    file.write_text(source)
+    out, _, _ = api.run(["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(folder / "cache"), str(file)])
+    return [int(line.split(":")[1]) for line in out.splitlines() if "error:" in line]
+
 
 def test_wrong_arguments_are_refused_by_the_type_checker(tmp_path: Path) -> None:
     """A key that does not exist, names, types, and a key that is not written out; what is right passes."""
-    file = tmp_path / "calls.py"
-    file.write_text(CALLS)
-    out, _, _ = api.run(["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(tmp_path / "cache"), str(file)])
-    refused = [int(line.split(":")[1]) for line in out.splitlines() if "error:" in line]
-    assert refused == [7, 8, 9, 10, 11], out
+    assert refused_lines(tmp_path, CALLS) == [7, 8, 9, 10, 11]

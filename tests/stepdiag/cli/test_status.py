@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.log.topics import stop_note
 from stepdiag.daq.recording.rounds import FolderLock, latest_round
@@ -96,7 +97,7 @@ def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
     survey.parent.mkdir()
     survey.write_text(TEXT, encoding="utf-8")
     doubted = stops_of("npp")
-    doubted[3] = marked(doubted[3], "window-step", "the window has a step")
+    doubted[3] = marked(doubted[3], message("window-step", step_um=4.0))
     record(survey, 1, [*stops_of("ppp"), *doubted])
     (accept,) = recommended(stepdiag("status", survey).out)
     assert not told(survey)["complete"]
@@ -107,11 +108,12 @@ def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
 def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_it(survey):
     """The line of the pass has the first one alone: of the other nobody heard why."""
     stops = stops_of("npp")
-    for at, code, words in ((3, "window-step", "the window has a step"), (7, "machine-alarm", "the machine reported an alarm")):
-        stops[at] = marked(stops[at], code, words)
+    doubts = {3: message("window-step", step_um=4.0), 7: message("laser-frozen", same=20, count=41)}
+    for at, doubt in doubts.items():
+        stops[at] = marked(stops[at], doubt)
     record(survey, 1, [*stops_of("ppp"), *stops])
     lines = stepdiag("status", survey).out.splitlines()
-    for stop, words in ((3, "the window has a step"), (7, "the machine reported an alarm")):
+    for stop, words in doubts.items():
         (command,) = [at for at, line in enumerate(lines) if f"npp/1/{stop} --reason" in line]
         assert lines[command - 1] == f"npp out, stop {stop} of 9: {words}"
 
@@ -137,7 +139,8 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
 def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
     """A daemon that came back while the machine stood at its last stop begins one: who did as told drove a pass that nobody wants."""
     back = stops_of("ppp", outward=False, only=range(3))
-    record(survey, 1, [*stops_of("ppp", only=range(5)), *back[:1], marked(back[1], "window-step", "the window has a step"), back[2]])
+    back[1] = marked(back[1], message("window-step", step_um=4.0))
+    record(survey, 1, [*stops_of("ppp", only=range(5)), *back])
     out = stepdiag("status", survey).out
     assert "ppp: pass 1: stops 5, 6, 7, 8, 9 are missing" in out
     assert "pass 2" not in out

@@ -34,7 +34,7 @@ class Hall:
 def lacking(monkeypatch: pytest.MonkeyPatch, *setups: str) -> None:
     """Have the survey lack these setups, one after the other, the last one for ever."""
     answers = list(setups)
-    standing = SimpleNamespace(doubts=(SimpleNamespace(text="stop 3 is doubted"),))
+    standing = SimpleNamespace(doubts=(SimpleNamespace(words="stop 3 is doubted"),))
     monkeypatch.setattr(
         module,
         "standing_of",

@@ -15,14 +15,13 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.fleet import tables
 from stepdiag.fleet.archive import add, refresh_index
-from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import solve_anew
 from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
 from stepdiag.fleet.tables import from_parquet, to_parquet
 from stepdiag.fleet.tolerances import FILE, tolerances_in
 from testkit.cli import stepdiag
 from testkit.examples import few
-from testkit.fleets import finished_survey, write_history
+from testkit.fleets import finished_survey, series_of, write_history
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -65,7 +64,7 @@ def read_everything(address: str) -> None:
     """Read what `stepdiag trend` reads."""
     store = Store(address)
     tolerances_in(store)
-    series_in(store)
+    series_of(store)
 
 
 def replace_table(store: Store, data: bytes) -> Path:
@@ -142,14 +141,12 @@ class TestLimits:
         code = f"""
 import resource
 from stepdiag.fleet.store import Store
-from stepdiag.fleet.history import series_in
-from stepdiag.base.errors import DataError
+from stepdiag.fleet.history import history_in
+from datetime import UTC, datetime
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-try:
-    series_in(Store({store.address!r}))
-except DataError as error:
-    assert "12000000 rows" in str(error)
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+(left,) = history_in(Store({store.address!r}), datetime(2030, 1, 1, tzinfo=UTC)).left_out
+assert "12000000 rows" in str(left.why)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert int(done.stdout) < 100_000, "kilobytes beside the libraries"
@@ -159,16 +156,16 @@ except DataError as error:
         path = replace_table(store, to_parquet(rows(1, conditions=long)))
         assert path.stat().st_size < 1_000_000
         with pytest.raises(DataError, match="at most"):
-            series_in(store)
+            series_of(store)
 
     def test_an_index_holds_as_much_as_its_surveys_have(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(tables, "MOST_ROWS", 1)
         monkeypatch.setattr(tables, "MOST_POINTS_A_SURVEY", 1)
         assert refresh_index(store, most_loose=0) == 2
-        assert len(series_in(store)[0].points) == 2
+        assert len(series_of(store)[0].points) == 2
         Path(store.path(store.tables()[0].table)).unlink()
         with pytest.raises(DataError, match=INDEX):
-            series_in(store)
+            series_of(store)
 
 
 class TestColumns:
@@ -195,17 +192,17 @@ class TestColumns:
         table = rows(1, **columns)
         if indexed:
             refresh_index(store, most_loose=0)
-            names = [*tables.POINTS.names, tables.PLACE]
-            place = store.tables()[0].folder
-            table = table.append_column(tables.PLACE, pa.array([place])).select(names)
+            name, column = next(iter(columns.items()))
+            table = tables.index_of([(rows(1).cast(tables.SCHEMA), store.tables()[0].folder)])
+            table = table.set_column(table.schema.get_field_index(name), name, column)
             Path(store.path(INDEX)).write_bytes(to_parquet(table))
             with pytest.raises(DataError, match=INDEX):
-                series_in(store)
+                series_of(store)
             assert refresh_index(store, most_loose=0) == 2, "an index that is damaged is made anew"
         else:
             replace_table(store, to_parquet(table))
             with pytest.raises(DataError, match=store.tables()[0].folder):
-                series_in(store)
+                series_of(store)
 
     @pytest.mark.parametrize("name", ["machine=x", "machine=a/year=2020"])
     def test_a_file_in_place_of_a_folder_is_named(self, store: Store, name: str) -> None:
@@ -214,7 +211,7 @@ class TestColumns:
             path.rename(path.with_name("year=2099"))
         path.write_text("a note", encoding="utf-8")
         with pytest.raises(StepdiagError):
-            series_in(store)
+            series_of(store)
 
     def test_a_table_reads_as_it_was_written(self) -> None:
         table = rows(3).cast(tables.SCHEMA)

@@ -6,19 +6,21 @@ import json
 import threading
 from pathlib import Path
 
-import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.result.result import parse_result
 from stepdiag.fleet import archive as archiving
 from stepdiag.fleet.archive import add, finished_in, refresh_index
-from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import solve_anew
 from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
 from stepdiag.fleet.tables import to_parquet
+from stepdiag.fleet.terminal import as_csv
+from stepdiag.fleet.trend import trends_of
 from testkit.cli import stepdiag
-from testkit.fleets import finished_survey, write_history
+from testkit.fleets import finished_survey, series_of, write_history
 from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 
@@ -39,14 +41,18 @@ def everything_in(store: Store) -> list[str]:
 
 
 def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
-    """DuckDB from outside, by the names of folders and columns alone."""
+    """A reader of Parquet from outside, by the names of folders and columns alone."""
     added = add(survey, store)
     result = parse_result((survey / "result.json").read_text(encoding="utf-8"))
-    with duckdb.connect() as connection:
-        rows = connection.execute(
-            "SELECT machine, year(time), position_mm, value, u, k, unit, event FROM read_parquet(?) WHERE quantity = 'EXX' ORDER BY 3",
-            [f"{store.root}/machine=*/year=*/*.parquet"],
-        ).fetchall()
+    table = pa.concat_tables(pq.read_table(path, partitioning=None) for path in Path(store.root).glob("machine=*/year=*/*.parquet"))
+    rows = sorted(
+        (
+            (each["machine"], each["time"].year, *(each[name] for name in ("position_mm", "value", "u", "k", "unit", "event")))
+            for each in table.to_pylist()
+            if each["quantity"] == "EXX"
+        ),
+        key=lambda row: row[2],
+    )
     assert [row[2] for row in rows] == result.errors["EXX"].position_mm.tolist()
     assert [row[3] for row in rows] == result.errors["EXX"].value.tolist()
     assert {(row[0], row[5], row[6], row[7]) for row in rows} == {("Mill 7/ä", 1, "um", "crash")}
@@ -131,7 +137,7 @@ def test_two_writers_at_once_do_no_harm(survey: Path, store: Store) -> None:
         each.join()
     assert trouble == []
     assert len(store.tables()) == 6
-    assert {each.machine for each in series_in(store)} == {"other", "Mill 7/ä"}
+    assert {each.machine for each in series_of(store)} == {"other", "Mill 7/ä"}
     assert not [name for name in everything_in(store) if name.endswith(".part")]
 
 
@@ -174,13 +180,13 @@ def test_a_file_that_came_meanwhile_stays_where_the_share_knows_links(
 
 def test_the_index_says_the_same_as_the_tables(store: Store) -> None:
     write_history(store, "a", [1.0, 2.0, 3.0])
-    loose = series_in(store)
+    loose = as_csv(trends_of(series_of(store), lambda *_: None))
     assert refresh_index(store, most_loose=0) == 3
-    assert series_in(store) == loose
+    assert as_csv(trends_of(series_of(store), lambda *_: None)) == loose
     write_history(store, "b", [4.0])
-    assert [each.machine for each in series_in(store)] == ["a", "b"]
+    assert [each.machine for each in series_of(store)] == ["a", "b"]
     Path(store.path(store.tables()[0].table)).unlink()
-    assert len(series_in(store, "a")[0].points) == 2, "what is not in the store any more is not told from the index"
+    assert len(series_of(store, "a")[0].points) == 2, "what is not in the store any more is not told from the index"
 
 
 @pytest.mark.parametrize("name", [INDEX, "table"])
@@ -193,25 +199,25 @@ def test_damaged_and_foreign_tables_are_named(store: Store, name: str, data: byt
         Path(store.path(INDEX)).unlink()
     path = Path(store.path(place))
     if data is None:
-        duckdb.sql("SELECT 1 AS machine").write_parquet(str(path))
+        pq.write_table(pa.table({"machine": [1]}), path)
     else:
         path.write_bytes(data)
     with pytest.raises(DataError, match=path.name):
-        series_in(store)
+        series_of(store)
 
 
 @pytest.mark.parametrize("name", [INDEX, "table"])
 def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(store: Store, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     with monkeypatch.context() as newer:
         if name == "table":
-            newer.setattr("stepdiag.fleet.tables.VERSION", "2")
+            newer.setattr("stepdiag.fleet.tables.VERSION", "3")
         write_history(store, "a", [1.0, 2.0])
     if name == INDEX:
         with monkeypatch.context() as newer:
             newer.setattr("stepdiag.fleet.archive.to_parquet", lambda table: to_parquet(table).replace(b"stepdiag-rows", b"stepdiag-ROWS"))
             refresh_index(store, most_loose=0)
     with pytest.raises(DataError, match="a newer stepdiag reads it" if name == "table" else "version none"):
-        series_in(store)
+        series_of(store)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +241,7 @@ def test_a_store_may_be_anywhere_that_fsspec_opens(survey: Path) -> None:
     assert add(survey, store).outcome == "archived"
     assert add(survey, store).outcome == "already there"
     refresh_index(store, most_loose=0)
-    assert "volumetric-rms" in {each.quantity for each in series_in(store, "Mill 7/ä")}
+    assert "volumetric-rms" in {each.quantity for each in series_of(store, "Mill 7/ä")}
 
 
 def test_only_finished_surveys_are_taken(survey: Path, tmp_path: Path) -> None:
@@ -281,7 +287,14 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path,
     place = add(survey, store).place
     text = SURVEY.replace('machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"')
     text = text[: text.index("[[export]]")]
-    (Path(store.root) / place.folder / "0001.mcap").write_bytes(with_survey(text + "[of_old]\nkey = 1\n"))
+    old = with_survey(text + "[of_old]\nkey = 1\n")
+    folder = Path(store.root) / place.folder
+    (folder / "0001.mcap").write_bytes(old)
+    lost = solve_anew(store.address, tuple(place))
+    assert (lost.outcome, "SHA-256" in lost.reason) == ("failed", True), "a log that is not the archived one is named"
+    listed = json.loads((folder / LISTED).read_text(encoding="utf-8"))
+    listed["files"]["0001.mcap"] = hashlib.sha256(old).hexdigest()
+    (folder / LISTED).write_text(json.dumps(listed), encoding="utf-8")
     refused = solve_anew(store.address, tuple(place))
     assert (refused.outcome, "of_old" in refused.reason) == ("failed", True)
     stood_in = solve_anew(store.address, tuple(place), text)

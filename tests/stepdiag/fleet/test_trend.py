@@ -3,8 +3,10 @@
 import csv
 import io
 import json
+import math
 import re
 from base64 import b64decode
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -13,66 +15,153 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.fleet.history import Point, Series, series_in
-from stepdiag.fleet.page import create_app
+from stepdiag.comparing.alike import Standing
+from stepdiag.fleet.history import Survey
+from stepdiag.fleet.page import Sheets, create_app
 from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, leaves
-from stepdiag.fleet.trend import YEAR, already_perhaps, trend_of
+from stepdiag.fleet.trend import YEAR, already_perhaps, statements, trend_of, trends_of
 from testkit.browsing import visit
 from testkit.cli import stepdiag
 from testkit.examples import few
-from testkit.fleets import FIRST, About, whole_result_rows, write_history
+from testkit.fleets import FIRST, About, made_series, series_of, whole_result_rows, write_history
 
 QUARTER = timedelta(days=91)
+SQUARENESS = "C0Y"
 
 
-def series(values: list[float], u: float = 0.5, events: dict[int, str] | None = None, active: dict[int, tuple[str, ...]] | None = None):
-    points = tuple(
-        Point(
-            time=FIRST + number * QUARTER, survey=str(number), value=value, u=u, event=(events or {}).get(number, ""),
-            active=(active or {}).get(number, ()), software="1",
-        )
-        for number, value in enumerate(values)
-    )  # fmt: skip
-    return Series(machine="M", quantity=RMS, unit="um", points=points)
+def quarterly(count: int, events: dict[int, str] | None = None, active: dict[int, tuple[str, ...]] | None = None) -> tuple[Survey, ...]:
+    """Return a survey a quarter; ``active`` are the tables that are loaded from a survey on."""
+    loaded: tuple[str, ...] = ()
+    found = []
+    for number in range(count):
+        loaded = (active or {}).get(number, loaded)
+        found.append(Survey(time=FIRST + number * QUARTER, name=str(number), event=(events or {}).get(number, ""), active=loaded))
+    return tuple(found)
 
 
 class TestChanges:
     @few(60)
     @given(st.integers(0, 2**32))
     def test_noise_alone_is_seldom_a_change(self, seed: int) -> None:
-        """All comparisons of a series together err as seldom as one at k = 2 would: here nothing is beyond 4 sigma, and never called so."""
+        """All questions of a machine together err as seldom as one at k = 2 would: here nothing is beyond 4 sigma."""
         noise = np.clip(np.random.default_rng(seed).normal(0, 0.5, 40), -0.7, 0.7)
-        assert trend_of(series([10 + each for each in noise.tolist()])).steps == ()
+        found = trend_of(made_series([10 + each for each in noise.tolist()]))
+        assert (found.verdict, found.explained.courses) == ("unchanged", ())
 
     def test_a_step_is_found_with_what_happened_before_it(self) -> None:
-        found = trend_of(series([5.0, 5.2, 4.9, 9.0, 9.1], events={3: "crash"}))
+        found = trend_of(made_series([5.0, 5.2, 4.9, 9.0, 9.1], surveys=quarterly(5, {3: "crash"})))
         (step,) = found.steps
-        assert (step.since, step.after) == (FIRST + 3 * QUARTER, "crash")
-        assert step.change == pytest.approx(4.1)
-        assert step.expanded == pytest.approx(2 * 0.5 * np.sqrt(2))
+        assert (step.at, step.first, step.last, found.cause(step)) == (3, 2, 3, "crash")
+        assert step.size == pytest.approx(9.05 - 5.0333, abs=1e-3)
+        assert step.u == pytest.approx(0.5 * np.sqrt(1 / 3 + 1 / 2))
+        assert str(statements(found)[0]).endswith("between 2020-07-15 and 2020-10-14, after: crash")
 
     def test_other_tables_are_a_cause(self) -> None:
-        found = trend_of(series([9.0, 9.1, 3.0], active={2: ("abc",)}))
-        assert found.steps[0].after == "other compensation files loaded"
+        found = trend_of(made_series([9.0, 9.1, 3.0], surveys=quarterly(3, active={2: ("abc",)})))
+        (step,) = found.steps
+        assert (step.known, str(found.cause(step))) == (True, "other compensation files loaded")
 
     def test_without_uncertainty_nothing_is_claimed(self) -> None:
-        bare = series([1.0, 50.0, 1.0], u=0.5)
-        points = tuple(each._replace(u=None) for each in bare.points)
-        found = trend_of(Series(machine="M", quantity=RMS, unit="um", points=points), 10.0)
-        assert (found.steps, found.line, found.leaving) == ((), None, None)
+        found = trend_of(made_series([1.0, 50.0, 1.0], u=None), 10.0)
+        assert (found.verdict, found.explained.courses, found.leaving) == ("undecided", (), None)
+
+    @pytest.mark.parametrize("event", ["", "crash"])
+    def test_a_crash_between_two_visits_is_never_denied(self, event: str) -> None:
+        """Three surveys in a week, three more two years later: a line explains them as well as a step does."""
+        dice = np.random.default_rng(7)
+        days = (0, 1, 2, 730, 731, 732)
+        surveys = tuple(
+            Survey(time=FIRST + timedelta(days=each), name=str(number), event=event if number == 3 else "")
+            for number, each in enumerate(days)
+        )
+        for size in (8.0, 30.0, 100.0, -30.0):
+            values = [size * (number > 2) + dice.normal() for number in range(6)]
+            found = trend_of(made_series(values, u=1.0, quantity=SQUARENESS, surveys=surveys), 1000.0)
+            (step,) = found.explained.courses
+            assert (found.verdict, step.kind, step.first, step.last) == ("changed", "step", 2, 3)
+            assert abs(step.size - size) < 4 * step.u
+            assert found.leaving is None, "at once or gradually: no day follows from it"
+
+    def test_scatter_beyond_u_is_no_step(self) -> None:
+        dice = np.random.default_rng(3)
+        invented = 0
+        for _ in range(40):
+            noisy = dice.normal(0, 2.0, (20, 26))
+            series = [replace(made_series(noisy[:, at].tolist(), u=1.0), quantity=f"Q{at:02d}") for at in range(26)]
+            invented += any(each.verdict == "changed" for each in trends_of(series, lambda *_: None))
+        assert invented <= 4
+
+    def test_a_sign_that_turned_is_a_change_of_the_function_not_of_its_range(self) -> None:
+        bow = 6 * np.sin(np.linspace(0, np.pi, 11))
+        values = np.stack([bow, bow, bow, -bow, -bow])
+        one = made_series([6.0] * 5, u=1.0)
+        function = replace(one, quantity="EYX", nodes_mm=np.linspace(0, 500, 11), values=values, u=np.full((5, 11), 1.0))
+        (found,) = trends_of([function], lambda *_: None)
+        (step,) = found.steps
+        assert (found.verdict, step.node, step.first, step.last) == ("changed", 5, 2, 3)
+
+    def test_a_machine_that_is_loaded_every_year_has_one_slope(self) -> None:
+        """The tables take back what was measured; the drift goes on through them, and its day follows."""
+        dice = np.random.default_rng(5)
+        years = np.arange(24) / 4
+        values = 8.0 * years - 8.0 * np.floor(years) + dice.normal(0, 0.3, 24)
+        loads = {4 * number: (f"{number:012x}",) for number in range(1, 6)}
+        found = trend_of(made_series(values.tolist(), u=0.3, quantity=SQUARENESS, surveys=quarterly(24, active=loads)), 20.0)
+        assert found.line is not None
+        assert found.line.size == pytest.approx(8.0, abs=2 * found.line.u)
+        assert found.leaving is not None
+        assert sum(step.known for step in found.steps) == 5
+
+    def test_a_run_in_that_levels_off_has_no_day(self) -> None:
+        dice = np.random.default_rng(6)
+        years = np.arange(24) / 4
+        values = 12.0 * (1 - np.exp(-years / 0.6)) + dice.normal(0, 0.3, 24)
+        found = trend_of(made_series(values.tolist(), u=0.3, quantity=SQUARENESS), 15.0)
+        assert [each.kind for each in found.explained.courses] == ["run-in"]
+        assert found.leaving is None
+
+    def test_seasons_are_neither_steps_nor_a_line(self) -> None:
+        values = 5.0 * np.sin(2 * np.pi * np.arange(24) * 91 / 365.25) + np.random.default_rng(8).normal(0, 0.5, 24)
+        found = trend_of(made_series(values.tolist(), u=0.5, quantity=SQUARENESS))
+        assert [each.kind for each in found.explained.courses] == ["season"]
+
+    def test_what_all_surveys_have_in_common_hides_no_change(self) -> None:
+        """A crash of 2.5 um at U 3 um, of which nine tenths are the same in every survey."""
+        values = [5.0 + 2.5 * (number >= 14) + 0.1 * (-1) ** number for number in range(20)]
+        common = math.sqrt(1 - 0.1**2)
+        assert trend_of(made_series(values, u=1.5, common=common)).steps[0].at == 14
+        assert trend_of(made_series(values, u=1.5)).verdict != "changed" or trend_of(made_series(values, u=1.5)).steps
+
+    def test_other_instruments_are_off_together(self) -> None:
+        """Three surveys by another laser, 2 u off: their common part explains it; by the same laser it is a change."""
+        values = [0.0, 0.1, -0.1, 0.1, 2.0, 2.1, 1.9]
+        one = made_series(values, u=1.0, common=0.99)
+        other = tuple(
+            replace(each, standing=Standing(instruments="new" if number > 3 else "old")) for number, each in enumerate(one.surveys)
+        )
+        assert trend_of(one).verdict == "changed"
+        assert trend_of(replace(one, surveys=other)).verdict != "changed"
+
+    def test_not_decidable_names_how_many_surveys_decide(self) -> None:
+        found = trend_of(made_series([0.0, 3.2], u=1.0, quantity=SQUARENESS))
+        assert found.verdict == "changed", "one question alone: beyond k = 2"
+        many = [replace(made_series([0.0, 4.6 * (at == 0)], u=1.0), quantity=f"Q{at:03d}") for at in range(200)]
+        asked, *others = trends_of(many, lambda *_: None)
+        assert (asked.verdict, asked.explained.further) == ("undecided", 2)
+        assert {each.verdict for each in others} == {"unchanged"}
 
 
 class TestLine:
     def test_a_drift_leaves_the_tolerance_on_the_day_that_the_line_says(self) -> None:
         """1 um a year from 5 um: 10 um after five years, within its interval; the interval holds the truth."""
         values = [5.0 + 1.0 * (number * QUARTER / YEAR) for number in range(12)]
-        found = trend_of(series(values, u=0.3), tolerance=10.0)
+        found = trend_of(made_series(values, u=0.1), tolerance=10.0)
         assert found.line is not None
-        assert found.line.slope == pytest.approx(1.0)
+        assert found.line.size == pytest.approx(1.0)
         assert found.leaving is not None
         assert found.leaving.earliest is not None
         assert found.leaving.likely is not None
@@ -80,29 +169,35 @@ class TestLine:
         assert abs(found.leaving.likely - (FIRST + 5 * YEAR)) < timedelta(days=2)
         assert found.leaving.earliest < found.leaving.likely < found.leaving.latest
 
-    def test_a_fall_leaves_it_below(self) -> None:
-        found = trend_of(series([-1.0 - number for number in range(6)], u=0.2), tolerance=20.0)
+    def test_the_interval_of_the_day_holds_what_all_surveys_have_in_common(self) -> None:
+        values = [5.0 + 1.0 * (number * QUARTER / YEAR) for number in range(12)]
+        alone, shared = (
+            trend_of(made_series(values, u=u, common=common), 10.0).leaving for u, common in ((0.1, 0.0), (1.0, math.sqrt(0.99)))
+        )
+        assert alone is not None
+        assert shared is not None
+        assert None not in (alone.earliest, alone.latest, shared.earliest, shared.latest)
+        assert shared.latest - shared.earliest > 4 * YEAR > 2 * (alone.latest - alone.earliest)  # type: ignore[operator]
+
+    def test_a_signed_figure_leaves_below_and_a_magnitude_never(self) -> None:
+        values = [-1.0 - number for number in range(8)]
+        found = trend_of(made_series(values, u=0.2, quantity=SQUARENESS), tolerance=20.0)
         assert found.leaving is not None
         assert found.leaving.tolerance == -20.0
-        assert found.leaving.likely is not None
+        better = trend_of(made_series([12.0 - 0.4 * number for number in range(8)], u=0.1), tolerance=15.0)
+        assert better.line is not None
+        assert better.leaving is None, "a machine that improves leaves nothing"
 
-    def test_the_line_begins_behind_the_step(self) -> None:
-        values = [20.0, 20.1, 20.2, *(5.0 + 0.5 * number for number in range(8))]
-        found = trend_of(series(values, u=0.3))
+    def test_the_line_goes_on_behind_a_step(self) -> None:
+        values = [20.0 + 0.5 * number for number in range(6)] + [5.0 + 0.5 * number for number in range(6, 16)]
+        found = trend_of(made_series(values, u=0.2, quantity=SQUARENESS))
+        assert {each.kind for each in found.explained.courses} == {"step", "line"}
         assert found.line is not None
-        assert (found.line.surveys, found.line.begins) == (8, FIRST + 3 * QUARTER)
-
-    def test_a_step_within_its_uncertainty_is_no_drift(self) -> None:
-        """What is common to all surveys is in their U: a crash of 2.5 um at U 3 um is no step by the figures, and no line either."""
-        values = [5.0 + 2.5 * (number >= 14) + 0.02 * (-1) ** number for number in range(40)]
-        found = trend_of(series(values, u=1.5), tolerance=15.0)
-        assert (found.steps, found.line, found.leaving) == ((), None, None)
-        drift = trend_of(series([5.0 + 2.5 * number / 40 + 0.02 * (-1) ** number for number in range(40)], u=0.5), tolerance=15.0)
-        assert drift.line is not None, "a drift as large is one"
+        assert found.line.size == pytest.approx(0.5 * YEAR / QUARTER, abs=2 * found.line.u)
 
     def test_a_day_that_has_passed_is_not_named_as_one_to_come(self) -> None:
         """The line is beyond the tolerance already, the last figure only perhaps, within its U."""
-        found = trend_of(series([8.0 + 0.2 * number for number in range(12)], u=0.4), tolerance=9.9)
+        found = trend_of(made_series([8.0 + 0.2 * number for number in range(12)], u=0.2), tolerance=10.0)
         assert found.outside == "perhaps"
         assert already_perhaps(found)
         assert leaves(found) == "perhaps outside already"
@@ -110,14 +205,21 @@ class TestLine:
 
     @pytest.mark.parametrize("values", [[5.0, 5.1, 5.0, 4.9, 5.1], [5.0, 6.0, 7.0], [0.0, 4.0, 0.0, 4.0, 8.0, 0.0], [5.0]])
     def test_none_where_it_is_not_justified(self, values: list[float]) -> None:
-        """A slope within its uncertainty, too few surveys, residuals that nothing explains."""
-        assert trend_of(series(values, u=1.5), 100.0).line is None
+        """A slope within its uncertainty, too few surveys, scatter alone."""
+        assert trend_of(made_series(values, u=1.5), 100.0).line is None
 
     @few(30)
     @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=12), st.floats(1e-6, 1e6))
     def test_whatever_the_figures_there_is_an_answer(self, values: list[float], tolerance: float) -> None:
-        found = trend_of(series(values), tolerance)
+        found = trend_of(made_series(values), tolerance)
         assert found.outside in ("yes", "perhaps", "no")
+        assert found.verdict in ("changed", "unchanged", "undecided")
+
+    def test_the_interval_of_a_skewed_figure_decides_where_it_stands(self) -> None:
+        even = made_series([9.0], u=0.5)
+        skewed = replace(even, shown=np.array([[9.0, 0.5, 8.6, 10.6]]))
+        assert trend_of(even, 10.2).outside == "no"
+        assert trend_of(skewed, 10.2).outside == "perhaps"
 
 
 @pytest.fixture
@@ -132,9 +234,9 @@ def store(tmp_path: Path) -> Store:
 
 def test_the_commands_say_the_same_as_table_json_and_csv(store: Store, tmp_path: Path) -> None:
     options = ("trend", store.root, "--tolerance", f"{RMS}=12")
-    found = {each["machine"]: each for each in json.loads(stepdiag(*options, "--json").out)}
-    assert found["still"]["steps"] == []
-    assert found["crashed <b>"]["steps"][0]["after"] == "crash & bang"
+    found = {each["machine"]: each for each in json.loads(stepdiag(*options, "--json").out)["series"]}
+    assert (found["still"]["verdict"], found["still"]["changes"]) == ("unchanged", [])
+    assert found["crashed <b>"]["changes"][0]["cause"] == "crash & bang"
     assert found["crashed <b>"]["outside"] == "yes"
     assert found["drifts"]["leaving"]["likely"] is not None
     assert stepdiag(*options, "--csv", tmp_path / "t.csv", "--report", tmp_path / "t.html").code == 0
@@ -151,14 +253,14 @@ def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Stor
     """In a file of the store; its own stands before that of all, and what is typed before both."""
 
     def tolerances(*options: str) -> dict[str, float | None]:
-        return {each["machine"]: each["tolerance"] for each in json.loads(stepdiag("trend", store.root, "--json", *options).out)}
+        return {each["machine"]: each["tolerance"] for each in json.loads(stepdiag("trend", store.root, "--json", *options).out)["series"]}
 
     assert set(tolerances().values()) == {None}
     file = Path(store.root) / "tolerances.toml"
     file.write_text(f'[all]\n"{RMS}" = 12\n[machine.drifts]\n"{RMS}" = 20\n[machine."still"]\n"{RMS}" = 8.5\n', encoding="utf-8")
     assert tolerances() == {"still": 8.5, "drifts": 20.0, "crashed <b>": 12.0}
     assert tolerances("--tolerance", f"{RMS}=30") == dict.fromkeys(("still", "drifts", "crashed <b>"), 30.0)
-    days = {each["machine"]: each["leaving"] for each in json.loads(stepdiag("trend", store.root, "--json").out)}
+    days = {each["machine"]: each["leaving"] for each in json.loads(stepdiag("trend", store.root, "--json").out)["series"]}
     assert days["drifts"]["tolerance"] == 20.0
     assert days["drifts"]["likely"] is not None
     sheet = store.root + ".html"
@@ -171,14 +273,16 @@ def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Stor
 
 
 def test_one_machine_and_unknown_ones(store: Store) -> None:
-    assert {each["machine"] for each in json.loads(stepdiag("trend", store.root, "--machine", "still", "--json").out)} == {"still"}
+    assert {each["machine"] for each in json.loads(stepdiag("trend", store.root, "--machine", "still", "--json").out)["series"]} == {
+        "still"
+    }
     assert "known are crashed <b>, drifts, still" in stepdiag("trend", store.root, "--machine", "nobody").refusal
     assert stepdiag("trend", store.root, "--tolerance", "EXX=5").code == 2
     assert stepdiag("trend", store.root, "--tolerance", f"{RMS}=-5").code == 2
 
 
 def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store: Store) -> None:
-    trends = [trend_of(each, 12.0) for each in series_in(store)]
+    trends = trends_of(series_of(store), lambda *_: 12.0)
     assert [machine for machine, _ in worst_first(trends)] == ["crashed <b>", "drifts", "still"]
     for language, title in (("en", "Machines over time"), ("de", "Maschinen im Verlauf")):
         sheet = fleet_html(trends, "store", language)  # type: ignore[arg-type]
@@ -194,11 +298,11 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
 
 
 def test_the_page_answers_here_and_to_nobody_elses_name(store: Store) -> None:
-    app = create_app(lambda: [trend_of(each, 12.0) for each in series_in(store)], "store", "en")
+    app = create_app(Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"), "en")
     assert visit(app, "/", "localhost:8430")[0] == 200
     assert visit(app, "/", "evil.example")[0] == 421
     status, body = visit(app, "/trend.json", "127.0.0.1")
-    assert (status, len(json.loads(body))) == (200, 3)
+    assert (status, len(json.loads(body)["series"])) == (200, 3)
 
 
 def test_a_function_takes_at_most_a_kilobyte() -> None:

@@ -18,9 +18,9 @@ from stepdiag.texts.sentences import is_known, translated
 ROOT = Path(__file__).parents[3]
 SAYING = frozenset({"Finding", "finding", "Doubt", "Notice", "_remark", "marked", "Told", "_error", "_warning"})
 REFUSING = (
-    "daq/links", "daq/service/status_source.py", "daq/service/completion.py", "daq/service/daemon.py", "daq/replay.py",
+    "daq/links", "daq/service/status_source.py", "stepdiag/completion/completion.py", "daq/service/daemon.py", "daq/replay.py",
     "daq/recording/verdicts.py", "daq/recording/session.py", "daq/recording/rounds.py", "stepdiag/page/remote.py",
-    "exporters", "solver/adjustment", "solver/methods", "solver/model", "solver/readings",
+    "exporters", "solver/adjustment", "solver/methods", "solver/model", "stepdiag/base/readings",
 )  # fmt: skip
 """Where what is refused to a person at the page, said of a link, or in the way of result and export is made."""
 OF_A_TERMINAL = frozenset({"address.py", "rtl.py", "sign_run.py", "sign_test.py", "verify.py", "etalon.py", "curves_csv.py"})

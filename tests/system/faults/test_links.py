@@ -173,7 +173,7 @@ def test_a_line_pulled_out_is_read_again_when_it_returns(tmp_path):
 
     async def run():
         stream = SerialStream(SerialSettings(port=str(link)), lambda data, _: heard.append(data))
-        task = asyncio.create_task(Reconnector("laser", stream.session, lambda state, _: states.append(state)).run())
+        task = asyncio.create_task(Reconnector("laser", stream.session, lambda state, *_: states.append(state)).run())
         await asyncio.to_thread(use)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)

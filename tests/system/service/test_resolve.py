@@ -12,10 +12,9 @@ import pytest
 
 from stepdiag.base.result.members import software
 from stepdiag.fleet.archive import add
-from stepdiag.fleet.history import series_in
 from stepdiag.fleet.store import Store
 from testkit.cli import stepdiag
-from testkit.fleets import finished_survey
+from testkit.fleets import finished_survey, series_of
 
 pytestmark = pytest.mark.system
 SURVEYS = 4
@@ -85,8 +84,8 @@ def test_another_version_writes_beside_says_what_changed_and_goes_on_where_it_st
         found += json.loads(finished(resolving(store, "--scheduler", address, "--json")))
     assert sorted(each["outcome"] for each in found) == ["solved anew"] * 3 + ["the same bytes"] * (SURVEYS - 3)
     assert len({each["survey"] for each in found}) == SURVEYS, "what was done already is not done again"
-    assert {each.machine for each in series_in(store, software=version)} == {"M0", "M1", "M2"}
-    assert {each.machine for each in series_in(store)} == {f"M{number}" for number in range(SURVEYS)}
+    assert {each.machine for each in series_of(store, software=version)} == {"M0", "M1", "M2"}
+    assert {each.machine for each in series_of(store)} == {f"M{number}" for number in range(SURVEYS)}
 
 
 def test_a_scheduler_that_is_away_is_said(store, monkeypatch):

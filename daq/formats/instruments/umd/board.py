@@ -6,9 +6,10 @@ One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); refe
 from dataclasses import dataclass
 from typing import Literal
 
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
-SIGNAL_CODES = {1: "laser power", 2: "signal strength"}
+SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
 """Of no documented scale: told on, not used."""
 ENVIRONMENT_CODES = {
     3: ("temperature_1_c", 0.01),
@@ -35,8 +36,9 @@ class Told:
     """A remark that a code gives rise to; fields as in `daq.timing.samples.Notice`."""
 
     code: Literal["rate", "device", "environment"]
-    text: str
+    why: Words = ""
     value: float | None = None
+    name: str = ""
 
 
 class Board:
@@ -64,7 +66,7 @@ class Board:
         """Take a low-speed code. Returns the remark it deserves; what was told before is remarked only when it changes."""
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]
-            return Told("environment", name, data * scale)
+            return Told("environment", value=data * scale, name=name)
         if self._told.get(code) == data:
             return None
         self._told[code] = data
@@ -85,22 +87,20 @@ class Board:
 
     def _hear_rate(self, data: int) -> Told:
         if data <= 0:
-            return Told("device", f"the board tells a sample rate of {data / 100} Hz: not used")
+            return Told("device", message("rate-not-used", rate=str(data / 100)))
         self.rate_hz = data / 100
-        return Told("rate", f"{self.rate_hz} samples a second", self.rate_hz)
+        return Told("rate", value=self.rate_hz)
 
     def _hear_homodyne(self, data: int) -> Told:
         axes, counts = data & 0xFF, (data >> 8) & 0xFF
         self._homodyne = axes > 0
         self._counts_per_cycle = max(counts, 1) if self._homodyne else 1
-        return Told("device", f"{axes} homodyne axes, {self._counts_per_cycle} counts a cycle", float(axes))
+        return Told("device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes))
 
     def _hear_firmware(self, data: int) -> Told:
         version = data & 0xFFFF
-        text = f"firmware {version}"
-        if self._phase_bits is None and version == WRONG_PHASE_FIRMWARE:
-            text += ": its phase is wrong by whole counts, so it is not used; whole counts are"
-        return Told("device", text, float(version))
+        wrong = self._phase_bits is None and version == WRONG_PHASE_FIRMWARE
+        return Told("device", message("firmware-phase", number=version) if wrong else message("firmware", number=version), float(version))
 
     def _read(self) -> Reading:
         return Reading(

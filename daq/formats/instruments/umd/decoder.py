@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
@@ -18,7 +19,7 @@ from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines
 from stepdiag.daq.formats.instruments.umd.board import Board
 from stepdiag.daq.formats.instruments.umd.reading import Reading
 from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP, OddLine, Rows, parse_line, parse_lines, uniform_rows
-from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.daq.timing.samples import Flag, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,7 @@ class UmdDecoder:
         self._board = Board(settings.phase_bits)
         self._first_line = True
         self._greeted = False
-        self._remarked: set[str] = set()
+        self._remarked: set[Message] = set()
         self.nominal_rate_hz: float | None = None
         """As last told by code 8."""
         self.gaps_visible = False
@@ -132,7 +133,7 @@ class UmdDecoder:
     def _take(self, part: Rows | OddLine, batch: Batch) -> None:
         if isinstance(part, OddLine):
             self._greeted |= part.code == "banner"
-            batch.notices.append(Notice(code=part.code, index=batch.count, text=part.text))
+            batch.note(part.code, part.why)
             return
         followed = self._track.follow(part[:, _SEQUENCE], restarted=self._greeted)
         self._greeted = False
@@ -148,7 +149,7 @@ class UmdDecoder:
         for row in self._news(rows):
             told = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
             if told is not None:
-                batch.notices.append(Notice(code=told.code, index=base + row, text=told.text, value=told.value))
+                batch.note(told.code, told.why, value=told.value, name=told.name, index=base + row)
             if self._board.reading is not reading:
                 self._read(rows[first:row], counter[first:row], reading, batch)
                 first, reading = row, self._board.reading
@@ -161,17 +162,17 @@ class UmdDecoder:
         if not len(rows):
             return
         if rows.shape[1] <= meas:
-            self._remark_once(f"the lines do not hold axis {self._settings.axis}", batch.count, batch)
+            self._remark_once(message("lines-no-axis", axis=self._settings.axis), batch.count, batch)
             batch.add(counter, np.full(len(rows), np.nan), np.full(len(rows), Flag.DEVICE_ERROR, dtype=np.uint16))
             return
         if reading.phase_use == "unknown" and rows[:, phase].any():
             where = batch.count + int(np.flatnonzero(rows[:, phase])[0])
-            self._remark_once("the firmware has not told the width of its phase: not used (laser.umd.phase_bits)", where, batch)
+            self._remark_once(message("phase-width"), where, batch)
         cycles, flags = reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
         cycles *= self._cycle_mm
         batch.add(counter, cycles, flags)
 
-    def _remark_once(self, text: str, index: int, batch: Batch) -> None:
-        if text not in self._remarked:
-            self._remarked.add(text)
-            batch.notices.append(Notice(code="device", index=index, text=text))
+    def _remark_once(self, why: Message, index: int, batch: Batch) -> None:
+        if why not in self._remarked:
+            self._remarked.add(why)
+            batch.note("device", why, index=index)

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.framing.lines import quote
 
 Rows = NDArray[np.int64]
@@ -42,7 +43,7 @@ class OddLine:
     """A line that holds no sample."""
 
     code: Literal["banner", "debug", "garbage"]
-    text: str
+    why: Words
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
@@ -76,7 +77,7 @@ def parse_line(line: bytes) -> Rows | OddLine | None:
             return OddLine("debug", text[1:].decode("ascii", errors="backslashreplace").strip())
         if _BANNER.fullmatch(text):
             return OddLine("banner", text.decode("ascii"))
-    return OddLine("garbage", f"a line that holds no sample: {quote(line)}")
+    return OddLine("garbage", message("line-no-sample", quoted=quote(line)))
 
 
 def uniform_rows(block: bytes) -> Rows | None:

@@ -14,5 +14,5 @@ def test_a_pass_that_goes_on_is_held_against_the_reading_before_it(stop):
     goes_on = Walk(ROUTE, stop, None, 12.0)
     expected_mm = goes_on.expected_reading_mm(stop)
     assert expected_mm == pytest.approx(12.0 + ROUTE.step_mm(stop - 1, stop))
-    assert goes_on.judge(stop, expected_mm) == ("", "")
-    assert goes_on.judge(stop, expected_mm + 5.0)[0]
+    assert goes_on.judge(stop, expected_mm) is None
+    assert goes_on.judge(stop, expected_mm + 5.0) is not None

@@ -50,7 +50,7 @@ def test_no_stop_is_taken_from_registers_that_stand_still():
     assert stops[3].window_to_ns * 1e-9 < left
     for index, stop in stops.items():
         error_um = (stop.reading_mm - stops[0].reading_mm - timeline.stops[index].reading) * 1e3
-        assert abs(error_um) < 0.6 or stop.doubtful, index
+        assert abs(error_um) < 0.6 or stop.doubts, index
     assert set(range(10)) - stops.keys() <= {4}
 
 
@@ -62,5 +62,5 @@ def test_an_alarm_is_named_with_its_time_and_the_stop_after_it_is_doubted():
     assert alarm.code == "machine-alarm"
     assert "stop 4 of 9" in alarm.text
     assert "at 00:00:0" in alarm.text
-    assert [index for index, stop in stops.items() if stop.doubtful] == [4]
+    assert [index for index, stop in stops.items() if stop.doubts] == [4]
     assert stops[4].doubt_codes == ("machine-alarm",)

@@ -51,16 +51,15 @@ def test_linear_route_reads_along_its_axis():
 def test_a_step_is_judged_by_name(measured, absolute, code):
     """Steps of ppp on 500x400x300, n = 10: x 35.355 mm, y 22.627 mm, z 12.728 mm along the diagonal."""
     route = make_route(BOX, "ppp", "xyz", outward=True)
-    found, words = judge_step(route, 0, 1, measured, absolute)
-    assert found == code
-    assert bool(words) == bool(code)
+    wrong = judge_step(route, 0, 1, measured, absolute)
+    assert (wrong.code if wrong else "") == code
 
 
 def test_from_which_end_a_cube_is_driven_the_laser_alone_cannot_tell():
     cube = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(200.0, 200.0, 200.0), increments=2)
-    code, words = judge_step(make_route(cube, "ppp", "xyz", outward=True), 0, 1, -57.735, 100.0)
-    assert code == "wrong-laser-sign"
-    assert "or the program drives from the other end" in words
+    wrong = judge_step(make_route(cube, "ppp", "xyz", outward=True), 0, 1, -57.735, 100.0)
+    assert wrong is not None
+    assert wrong.key == "wrong-laser-sign.or-end"
 
 
 def poll(tracker, k, *, stopped, count=None):

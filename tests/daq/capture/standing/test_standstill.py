@@ -115,7 +115,7 @@ def test_the_longest_steady_part_of_a_flickering_dwell_counts(signals):
     assert [stop.stop for stop in stops] == list(range(7))
     for stop, (begin, end) in zip(stops, timeline.schedule(), strict=True):
         assert begin + 0.23 < stop.window_from_ns * 1e-9 < stop.window_to_ns * 1e-9 < end
-        assert not stop.doubtful
+        assert not stop.doubts
     assert {each.code for each in findings} <= {"signals-absent"}
 
 

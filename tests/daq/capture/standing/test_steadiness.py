@@ -12,7 +12,7 @@ from stepdiag.daq.capture.standing.window import summarise
 def doubts(values_um, resolution_um=0.001):
     """Return the codes that a window of these readings earns; a thousand samples a second."""
     values = 500.0 + np.asarray(values_um) * 1e-3
-    return [code for code, _ in against_itself(values, summarise(np.arange(len(values)) / 1e3, values), resolution_um)]
+    return [doubt.code for doubt in against_itself(values, summarise(np.arange(len(values)) / 1e3, values), resolution_um)]
 
 
 @given(

@@ -22,8 +22,8 @@ def told(decoder, *chunks):
         batch = decoder.feed(chunk, 1_000)
         notices += batch.notices
         flags += batch.flags.tolist()
-    values = {each.text: each.value for each in notices if each.code == "environment"}
-    return values, [each.text for each in notices if each.code == "garbage"], flags
+    values = {each.name: each.value for each in notices if each.code == "environment"}
+    return values, [str(each.why) for each in notices if each.code == "garbage"], flags
 
 
 def test_the_line_of_the_makers_manual_is_read():

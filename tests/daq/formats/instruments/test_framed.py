@@ -92,7 +92,7 @@ def test_a_wrong_checksum_costs_its_frame_and_shows_as_a_gap():
     samples = decode(frame(1, 0) + bytes(spoilt) + frame(3, 0))
     assert samples.counter.tolist() == [1, 3]
     assert codes(samples) == ["garbage", "gap"]
-    assert "beginning with aa 55 02 00" in samples.notices[0].text
+    assert "beginning with aa 55 02 00" in str(samples.notices[0].why)
 
 
 def test_a_real_number_that_is_none_is_a_fault_of_the_instrument():

@@ -19,7 +19,7 @@ from testkit.streams import codes
 
 
 def weather(samples):
-    return {notice.text: notice.value for notice in samples.notices if notice.code == "environment"}
+    return {notice.name: notice.value for notice in samples.notices if notice.code == "environment"}
 
 
 def ids(number, *result, **more):
@@ -65,7 +65,7 @@ def test_an_error_of_an_ids_and_another_product_on_the_port_give_no_number():
     refused = ids_decode(b'{"jsonrpc":"2.0","error":{"code":-32601,"message":"Method not found"},"id":1}\r\n')
     assert np.isnan(refused.position_mm).all()
     assert refused.flags.tolist() == [Flag.DEVICE_ERROR]
-    assert "Method not found" in refused.notices[0].text
+    assert "Method not found" in str(refused.notices[0].why)
     other = ids_decode(b"HTTP/1.1 400 Bad Request\r\nServer: x\r\n\r\n")
     assert not len(other)
     assert set(codes(other)) == {"garbage"}
@@ -158,12 +158,12 @@ def test_a_qudis_that_counts_on_shows_what_is_missing():
 def test_positions_before_the_wavelength_is_controlled_are_not_used():
     samples = qudis(state(0) + tell(0, (5, 0)) + state(1) + tell(1, (6, 0)))
     assert samples.flags.tolist() == [Flag.DEVICE_ERROR, 0]
-    assert "still being prepared" in samples.notices[0].text
+    assert "still being prepared" in str(samples.notices[0].why)
 
 
 def test_a_refusal_of_a_qudis_names_the_address():
     samples = qudis(struct.pack("<7i", 24, 3, 0x0031, 0, 1, 2, 0))
-    assert "refuses address 0031: value out of range" in samples.notices[0].text
+    assert "refuses address 0031: value out of range" in str(samples.notices[0].why)
 
 
 def test_words_that_are_no_pairs_and_what_is_no_telegram_are_garbage():
@@ -177,7 +177,7 @@ def test_a_qudis_that_goes_on_with_another_axis_gives_no_reading_of_it():
     answer = struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 1)
     samples = qudis(answer + tell(0, (5, 0)), axis=3)
     assert samples.flags.tolist() == [Flag.DEVICE_ERROR]
-    assert "source 1, asked for was 5" in samples.notices[0].text
+    assert "source 1, asked for was 5" in str(samples.notices[0].why)
     right = qudis(struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 5) + tell(0, (5, 0)), axis=3)
     assert (right.flags.tolist(), right.notices) == ([0], ())
     assert len(qudis(struct.pack("<7i", 24, 4, 0x0F01, 0, 0, 5, -(1 << 31)))) == 0

@@ -119,7 +119,7 @@ def test_text_in_between_is_no_restart_where_the_count_goes_on():
 
 def test_debug_lines_are_handed_on():
     samples = decode(lines(line(7), b"!overflow at 12\r\n", line(8)))
-    assert [(notice.code, notice.index, notice.text) for notice in samples.notices] == [("debug", 1, "overflow at 12")]
+    assert [(notice.code, notice.index, notice.why) for notice in samples.notices] == [("debug", 1, "overflow at 12")]
     assert len(samples) == 2
 
 
@@ -153,7 +153,7 @@ def test_a_rate_change_is_told_at_its_line():
 def test_sensors_of_the_board_are_handed_on():
     told = [(3, 2012), (4, 1987), (5, 101325), (6, 503)]
     samples = decode(lines(*(line(n, code=code, data=data) for n, (code, data) in enumerate(told))))
-    assert {notice.text: notice.value for notice in samples.notices} == pytest.approx(
+    assert {notice.name: notice.value for notice in samples.notices} == pytest.approx(
         {"temperature_1_c": 20.12, "temperature_2_c": 19.87, "pressure_hpa": 1013.25, "relative_humidity_percent": 50.3}
     )
 
@@ -184,7 +184,7 @@ def test_firmware_264_tells_the_width_of_its_phase():
 def test_a_phase_of_unknown_width_is_not_guessed():
     samples = decode(lines(line(1), line(2, 100, phase=64), line(3, code=10, data=247), line(4, 100, phase=64)))
     assert samples.flags.tolist() == [0, Flag.PHASE_ERROR, 0, 0]
-    assert [notice.index for notice in samples.notices if "phase_bits" in notice.text] == [1]
+    assert [notice.index for notice in samples.notices if "phase_bits" in str(notice.why)] == [1]
     told = decode(lines(line(1), line(2, 100, phase=64)), phase_bits=8)
     assert told.position_mm[1] == pytest.approx(99.75 * RULE)
     assert not told.flags.any()
@@ -194,7 +194,7 @@ def test_firmware_315_is_read_without_its_wrong_phase():
     """Its 8-bit split is a whole count wrong for about half of the values (DERIVED from its source)."""
     samples = decode(lines(line(1, code=10, data=315), line(2, 100, phase=200)))
     assert samples.position_mm[1] == pytest.approx(100 * RULE)
-    assert "not used" in samples.notices[0].text
+    assert "not used" in str(samples.notices[0].why)
 
 
 def test_a_greeting_at_the_end_of_a_steady_stream_is_over_with_the_next_line():
@@ -219,7 +219,7 @@ def test_a_greeting_within_a_count_that_goes_on_is_no_restart():
 def test_a_sample_rate_below_zero_is_told_as_the_board_said_it():
     """Code 8 is the rate in hundredths of a hertz (instruments 1.A)."""
     samples = decode(lines(line(1, code=8, data=-250)))
-    assert [notice.text for notice in samples.notices] == ["the board tells a sample rate of -2.5 Hz: not used"]
+    assert [str(notice.why) for notice in samples.notices] == ["the board tells a sample rate of -2.5 Hz: not used"]
 
 
 @pytest.mark.parametrize("spare", [0, 5])

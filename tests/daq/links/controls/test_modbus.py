@@ -221,7 +221,7 @@ def poll_for(server, during, *, period_s=0.02, timeout_s=60.0):
     machine = MachinePoller(settings(server, timeout_s), [BLOCK], period_s, blocks.append)
 
     async def run():
-        keeper = Reconnector("machine", machine.session, lambda state, detail: states.append(state))
+        keeper = Reconnector("machine", machine.session, lambda state, *_: states.append(state))
         task = asyncio.create_task(keeper.run())
         await asyncio.to_thread(during, machine, blocks, states)
         task.cancel()
@@ -339,7 +339,7 @@ def test_a_handshake_does_not_wait_for_the_next_poll(serve):
     machine = MachinePoller(settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written)
 
     async def run():
-        task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())
+        task = asyncio.create_task(Reconnector("machine", machine.session, lambda *_: None).run())
         await asyncio.to_thread(wait_until, lambda: bool(blocks))
         machine.write_soon("holding", 100, 7)
         assert await asyncio.to_thread(written.wait, 60.0)
@@ -366,7 +366,7 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
     machine = MachinePoller(settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None)
 
     async def run():
-        task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())
+        task = asyncio.create_task(Reconnector("machine", machine.session, lambda *_: None).run())
         await asyncio.to_thread(wait_until, lambda: bool(answered))
         task.cancel()
         done, _ = await asyncio.wait({task}, timeout=60.0)

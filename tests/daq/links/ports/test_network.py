@@ -79,7 +79,7 @@ def test_a_terminal_server_that_restarts_is_found_again(pty):
 
     async def run():
         with terminal_server(pty.name, "socket", port) as name:
-            keeping = Reconnector("laser", stream_of(name, chunks).session, lambda state, _: states.append(state))
+            keeping = Reconnector("laser", stream_of(name, chunks).session, lambda state, *_: states.append(state))
             task = asyncio.create_task(keeping.run())
             await asyncio.to_thread(wait_until, lambda: "connected" in states)
         await asyncio.to_thread(wait_until, lambda: "lost" in states)

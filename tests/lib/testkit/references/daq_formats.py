@@ -82,7 +82,7 @@ def _says(made: Any) -> dict[str, Any]:
 
 def _batch(found: Samples) -> dict[str, Any]:
     columns = [found.counter, found.position_mm, found.beam, found.flags, found.arrival_ns]
-    notices = [[each.code, each.index, each.text, plain(each.value)] for each in found.notices]
+    notices = [[each.code, each.index, each.name or plain(each.why), plain(each.value)] for each in found.notices]
     return {
         "rows": [[None if value == "nan" else value for value in plain(row)] for row in zip(*columns, strict=True)],
         "channels": None if found.channels is None else plain(found.channels),
@@ -138,7 +138,7 @@ def frames(told: dict[str, Any]) -> Any:
             buffer.clear()
             continue
         parts = list(buffer.feed(raw(chunk)))
-        found.append([part.text if isinstance(part, Junk) else [row.tobytes().hex() for row in part] for part in parts])
+        found.append([plain(part.why) if isinstance(part, Junk) else [row.tobytes().hex() for row in part] for part in parts])
     return found
 
 
@@ -181,7 +181,7 @@ def umd_lines(told: list[Any]) -> Any:
     found = []
     for said in told:
         block = raw(said)
-        parts = [[part.code, part.text] if isinstance(part, OddLine) else part.tolist() for part in parse_lines(block)]
+        parts = [[part.code, plain(part.why)] if isinstance(part, OddLine) else part.tolist() for part in parse_lines(block)]
         rows = uniform_rows(block) if block.endswith(b"\n") else None
         found.append({"parts": parts, "uniform": rows is not None})
     return found
@@ -206,7 +206,9 @@ def umd_reading(told: dict[str, Any]) -> Any:
 def recognised(told: list[Any]) -> Any:
     """Return which instrument some bytes are of, and what is said where nothing makes sense."""
     return [
-        [recognise(raw(said)), senseless("nd", raw(said), len(raw(said)), ""), senseless("umd", raw(said), 7, "odd"), refused("nd", "")]
+        plain(
+            [recognise(raw(said)), senseless("nd", raw(said), len(raw(said)), ""), senseless("umd", raw(said), 7, "odd"), refused("nd", "")]
+        )
         for said in told
     ]
 

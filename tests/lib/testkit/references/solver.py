@@ -17,6 +17,9 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
 from testkit.references import figures, outlook, plain, refused, rules
 
+WORDS = frozenset({"standard", "source_status", "U_status"})
+"""Members of a result that hold sentences."""
+
 
 def joined(lines):
     """Return the text of a list of lines."""
@@ -63,7 +66,14 @@ def of_result(result: Result, brief=False):
         shares = _table(extra["budget"]["shares"])
         extra["budget"] = {"combined": extra["budget"]["combined"]} if brief else extra["budget"] | {"shares": shares}
     fields["setups"] = written(result.setups)
-    return shorter(plain(fields | {"extra": extra, "posterior": result.posterior and of_posterior(result.posterior)}))
+    return shorter(plain(fields | {"extra": without_words(extra), "posterior": result.posterior and of_posterior(result.posterior)}))
+
+
+def without_words(tree):
+    """Return a tree without the sentences that a result carries for people: what was assumed stays by name."""
+    if isinstance(tree, dict):
+        return {name: sorted(item) if name == "assumptions" else without_words(item) for name, item in tree.items() if name not in WORDS}
+    return [without_words(item) for item in tree] if isinstance(tree, list | tuple) else tree
 
 
 def _function(function: Function, name, result: Result):

@@ -21,5 +21,5 @@ def nothing_silently_wrong(place, folder=None):
         zero = chosen[first].reading_mm - true.reading_mm[first]
         for index, stop in chosen.items():
             error_um = (stop.reading_mm - zero - true.reading_mm[index]) * 1e3
-            assert abs(error_um) < RIGHT_UM or stop.doubtful or each.doubt(index), f"stop {index} wrong by {error_um:.2f} um and not named"
+            assert abs(error_um) < RIGHT_UM or stop.doubts or each.doubt(index), f"stop {index} wrong by {error_um:.2f} um and not named"
     return book

@@ -29,7 +29,7 @@ def test_slab_by_slab_is_the_figure_of_the_volume_divided(result, monkeypatch):
     correction = -error_field_um(result, points)
     whole = prediction.predicted(result, points, correction).without_rigid_motion
     for when, square_um2 in zip(("before", "after"), prediction.squares_um2(result, points, correction), strict=True):
-        divided = prediction.told(np.sqrt(np.mean(square_um2, axis=1)), known=True)
+        divided = prediction.interval_of(np.sqrt(np.mean(square_um2, axis=1)), known=True)
         assert ends_of(divided) == pytest.approx(ends_of(whole[when].rms_um), rel=1e-9)
 
 

@@ -143,7 +143,7 @@ class Machine(Timeline):
     def events(self) -> Any:
         """Return all events in the order in which they arrive."""
         more = [
-            Loss(int(moment * 1e9), *rest, "the disk is full") if link == "loss" else LinkEvent(int(moment * 1e9), link, *rest)
+            Loss(int(moment * 1e9), *rest, "the disk is full") if link == "loss" else _change(int(moment * 1e9), link, *rest)
             for moment, link, *rest in self.links
         ]
         return sorted([*self.laser(), *self.polls(), *more], key=arrival)
@@ -157,6 +157,12 @@ def _stop(
     x_mm: float, y_mm: float, z_mm: float, reading_mm: float, setup: int = 1, seconds: float = 0.7, counts: int = 1, shown: int = 1
 ) -> Standstill:
     return Standstill((x_mm, y_mm, z_mm), reading_mm, setup, seconds, counts, bool(shown))
+
+
+def _change(time_ns: int, link: Any, state: Any, detail: str = "") -> LinkEvent:
+    """Return a change of a link, its losses apart from its state as the links report them."""
+    state_words, found, lost = detail.partition("bytes lost: ")
+    return LinkEvent(time_ns, link, state, state_words.removesuffix("; "), tuple(lost.split("; ")) if found else ())
 
 
 def log(told: dict[str, Any]) -> Any:
@@ -203,7 +209,7 @@ def _told(outcomes: Iterable[Any]) -> list[Any]:
     said: list[Any] = []
     for each in outcomes:
         if isinstance(each, Finding) and each.setup is None:
-            said.append(f"{each.severity} {each.code}" + f": {each.text}" * (each.severity == "error"))
+            said.append(brief(each) if each.severity == "error" else f"{each.severity} {each.code}")
         else:
             said += brief(each) if isinstance(each, CapturedStop) else [brief(each)]
     return said

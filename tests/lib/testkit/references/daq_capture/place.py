@@ -31,16 +31,7 @@ def routes(told: dict[str, Any]) -> Any:
     last = len(route) - 1
     pairs = ([0, 1], [1, 2], [2, 4], [last - 1, last], [0, 0])
     steps = [
-        " ".join(
-            map(
-                str,
-                (
-                    pair,
-                    number,
-                    *judge_step(route, *pair, _measured(route, pair, share), told["absolutes"][number % len(told["absolutes"])]),
-                ),
-            )
-        )
+        [*pair, number, _judged(route, pair, _measured(route, pair, share), told["absolutes"][number % len(told["absolutes"])])]
         for pair in pairs[: told.get("pairs", 5)]
         for number, share in enumerate(told["shares"])
     ]
@@ -57,6 +48,11 @@ def routes(told: dict[str, Any]) -> Any:
         "base": setup_of(told["setup"]).base,
         "anew": [begun_anew(route, list(readings)) for readings in runs],
     }
+
+
+def _judged(route: Route, pair: list[int], measured_mm: float, absolute_mm: float) -> Any:
+    """Return what is wrong with a step."""
+    return plain(judge_step(route, *pair, measured_mm, absolute_mm))
 
 
 def _measured(route: Any, pair: list[int], share: Any) -> float:
@@ -111,7 +107,7 @@ def walk(told: dict[str, Any]) -> Any:
 
 def _state(follows: Walk) -> dict[str, Any]:
     known = " ".join(f"{stop}:{reading:.4f}" for stop, reading in follows.laser.known.items())
-    return {name: getattr(follows, name) for name in STATE} | {"known": known}
+    return {name: plain(getattr(follows, name)) for name in STATE} | {"known": known}
 
 
 def finder(told: dict[str, Any]) -> Any:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, needed_conditions, told_names, with_air
 from stepdiag.daq.capture.log_start import start_of
@@ -28,7 +29,7 @@ def conditions(told: dict[str, Any]) -> Any:
         judged = judges.judge(signals_of(told["good"] | changed), time_s)
         believed = [getattr(judged.signals, name) for name in told["good"]]
         kept = [judges.credible[name] for name in told["good"] if name in judges.credible]
-        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [f"{each}" for each in (*judged.said, *judged.doubted)]
+        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [plain(each) for each in (*judged.said, *judged.doubted)]
         found += [plain([*believed, *(each.value for each in kept), *(each.time_s for each in kept)]), *words]
     return {"needed": needed_conditions(survey), "stops": found}
 
@@ -70,21 +71,21 @@ def remarks(told: dict[str, Any]) -> Any:
     says, lists = StreamRemarks({"laser": stream, "head": stream}), []
     for now_ms, code, text in told["notices"]:
         outcomes: list[Any] = []
-        heard[:] = [Notice(code=code, index=0, text=text)]
+        heard[:] = [Notice(code=code, index=0, why=text)]
         says.listen_now_and_then(now_ms * MS, outcomes)
         lists.append(brief(outcomes))
     for where in told["lost"]:
         outcomes = []
-        says.lost("machine", where, outcomes)
+        says.lost("machine", where.split("; "), outcomes)
         lists.append(brief(outcomes))
     stops = [stop_of(each) for each in told["stops"]]
-    again = [marked(stop, "code", "words") for stop in stops]
+    again = [marked(stop, message("other-side")) for stop in stops]
     return {
         "pulse": beats,
         "alarm": alarms,
         "streams": lists,
         "credible": [plain(credible_of(stop)) for stop in stops],
-        "marked": [[*stop.doubt_codes, stop.doubtful] for stop in again],
+        "marked": [plain(stop.doubts) for stop in again],
     }
 
 

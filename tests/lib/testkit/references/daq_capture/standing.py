@@ -48,7 +48,7 @@ def _taken(each: Any) -> Any:
     window = plain(each.window)
     whole = round(each.window.mean_mm)
     window["mean_mm"] = plain([whole, (each.window.mean_mm - whole) * 1e3])
-    rest = [plain(value) for value in (each.from_ns, each.to_ns, each.beam, *each.codes, *[each.doubtful] * bool(each.doubtful))]
+    rest = [plain(value) for value in (each.from_ns, each.to_ns, each.beam, *each.doubts)]
     return [*window["mean_mm"], *list(window.values())[1:], *rest]
 
 
@@ -163,9 +163,9 @@ def heads(told: dict[str, Any]) -> Any:
             found.append(
                 [span.position_mm * 1e3, len(span.time_ns), span.time_ns.sum(), span.unusable, view.newest_ns(), view.resolution_um]
             )
-            found[-1] += [[each.reason for each in view.breaks]]
+            found[-1] += [plain([each.reason for each in view.breaks])]
             for one in certain_windows(view, dwell, rules_of(told)):
                 found.append(brief(make_head_stop(route, 1, dwell.signals, one, head, laser, 5_000_000_000)))
                 found.append(make_stop(route, 2, dwell.signals, one, None, 0).channels)
-        found.append(troubles(head, dwell))
+        found.append([(each.code, str(each)) for each in troubles(head, dwell)])
     return plain(found)

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.findings import Finding
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
@@ -140,7 +140,7 @@ def stop_of(told: dict[str, Any]) -> CapturedStop:
     """Return a stop of which little is of interest."""
     base = {"setup": "ppp", "outward": True, "stop": 0, "position_mm": (0.0, 0.0, 0.0), "axis": "", "stop_count": None, "reading_mm": None}
     more = {"u_um": 0.1, "scatter_um": 0.2, "slope_um_s": 0.0, "samples": 9, "rejected": 0, "window_from_ns": 0, "window_to_ns": 0}
-    return msgspec.convert(base | more | {"time_s": 0.0, "beam": None} | told, CapturedStop)
+    return from_log(base | more | {"time_s": 0.0, "beam": None} | told)
 
 
 def hint_of(told: dict[str, Any]) -> dict[str, Any]:
@@ -159,9 +159,10 @@ def survey_of(told: dict[str, Any]) -> Survey:
 
 
 def brief(said: Any) -> Any:
-    """Return findings as texts, dwells as numbers, stops as their name, numbers and words; all else as it is."""
+    """Return findings as code, place and message, dwells as numbers, stops as their name, numbers and messages; all else as it is."""
     if isinstance(said, Finding):
-        return f"{said.severity} {said.code} ({said.setup or 'no setup'}, {said.stop}): {said.text}"
+        place = f"{said.setup or 'no setup'} {said.way}, {said.stop} of {said.last}"
+        return f"{said.severity} {said.code} ({place}): {plain(said.message)}"
     if isinstance(said, Dwell):
         place, count = said.signals.commanded_mm or (), said.signals.stop_count
         return plain([said.from_ns, said.to_ns, said.not_before_ns, int(said.blind), int(bool(said.signals.stopped)), count, *place])
@@ -172,7 +173,7 @@ def brief(said: Any) -> Any:
     return plain(said)
 
 
-WORDS = ("broken", "unwatched", "doubtful", "doubt_codes", "refused", "recovered", "turned", "held")
+WORDS = ("broken", "unwatched", "doubts", "refused", "recovered", "turned", "held")
 
 
 def _stop(stop: CapturedStop) -> list[Any]:
@@ -190,6 +191,6 @@ def _stop(stop: CapturedStop) -> list[Any]:
     ]
     felt = [stop.material_temperature_c, stop.air_temperature_c, stop.air_pressure_hpa, stop.relative_humidity_percent]
     rows = [[*stop.position_mm, stop.stop_count, *reading], [*quality, stop.beam], felt, [*stop.channels], [*stop.u_channels]]
-    words = [f"{name}: {getattr(stop, name)}" for name in WORDS if getattr(stop, name)]
+    words = [f"{name}: {plain(getattr(stop, name))}" for name in WORDS if getattr(stop, name)]
     name = f"{stop.setup} {'out' if stop.outward else 'back'} {stop.stop} {stop.axis}"
     return [name, *(plain(row) for row in rows if row and row != [None] * 4), *words]
