@@ -59,7 +59,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--out": ["--out", "new.json"], "--method": ["--method", "least-squares"], "--chain": ["--chain", "XFYZ"],
             "--angles": ["--angles", "angles.csv"], "--straightness": ["--straightness", "bow.csv"],
             "--environment": ["--environment", "air.toml"], "--uncertainty": ["--uncertainty", "uncertainty.toml"],
-            "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"], "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
+            "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"],
+            "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
         },
     ),
     "plan": (

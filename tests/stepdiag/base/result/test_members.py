@@ -82,7 +82,8 @@ LEFT_OUT = {
 }  # fmt: skip
 """Names that may be left out, wherever they stand below a member; entries of `MAPS` may be, too."""
 MAPS = (
-    "angle_urad", "head_straightness", "assumptions", "shares", "EXX", "combined", "coverage", "standards", "U", "monte_carlo", "setups", "tolerance",
+    "angle_urad", "head_straightness", "assumptions", "shares", "EXX", "combined", "coverage", "standards", "U", "monte_carlo", "setups",
+    "tolerance",
 )  # fmt: skip
 """Maps by quantity, source, setup or function."""
 
