@@ -43,6 +43,18 @@ class ActiveFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A file that the result was solved from: what it is for, its name, and its SHA-256; of a log that of all it says, packed or not.
+
+    ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A damaged log has no hash.
+    """
+
+    role: str
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
     """Who measured what, when and with what; a text that the survey does not state is empty.
 

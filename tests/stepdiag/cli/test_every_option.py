@@ -79,7 +79,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
         },
     ),
     "compare": (
@@ -95,6 +95,13 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
             "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
             "--language": ["--language", "de"], "--json": ["--json"],
+        },
+    ),
+    "certificate": (
+        ["certificate", "result.json", "--laboratory", "laboratory.toml", "--out", "c.xml"],
+        {
+            "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
+            "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
         },
     ),
     "import": (
@@ -312,6 +319,9 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "air.toml": "[environment]\nair_temperature_c = 25.0\n",
         "uncertainty.toml": SECTION,
         "active.ini": "",
+        "laboratory.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n",
+        "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
+        "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
         "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
         "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),

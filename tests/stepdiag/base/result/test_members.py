@@ -65,6 +65,7 @@ WHOLE = {
     "coverage": {"EXX": {"degrees_of_freedom": 4.5, "k": 2.5}},
     "standards": {"linear-x": [{"standard": "ISO 230-2:2014", "source_status": "recalled", "E_up": 1.5, "runs": 5, "U": {"E_up": 0.5}}]},
     "monte_carlo": {"trials": 9, "EXX": {"u": 0.5, "u_stated": 0.5}},
+    "sources": [{"role": "log", "name": "0001.mcap", "sha256": "b" * 64}],
     "tolerance": {"squareness_urad": 20.5},
     "conformity": {"as_found": [JUDGED], "predicted": []},
 }  # fmt: skip
