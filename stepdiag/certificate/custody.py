@@ -21,12 +21,12 @@ from stepdiag.base.result.members import Source
 from stepdiag.base.result.result import Result, parse_result, same_result
 from stepdiag.certificate.document import Link, certificate_of
 from stepdiag.certificate.elements import DCC, SI, document
-from stepdiag.certificate.laboratory import read_laboratory, sha256_of
 from stepdiag.completion.completion import replay_judged, solve_logs
 from stepdiag.completion.readings_file import Beside, solve_readings_file
 from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.recording.verdicts import ACCEPTED, verdicts_in
 from stepdiag.daq.survey.environment import parse_environment
+from stepdiag.report.laboratory import read_laboratory, sha256_of
 
 LOG, RESULT, LEFT, LABORATORY = "log", "result", "result_as_left", "laboratory"
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"

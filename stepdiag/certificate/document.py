@@ -15,8 +15,8 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written as json_of
 from stepdiag.certificate.elements import VERSION, Words, data, element, note, real, sha256, words
 from stepdiag.certificate.figures import KELVIN, UNITS, Figure, figures_of, predicted_figures, written
-from stepdiag.certificate.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, Place, Stated
 from stepdiag.conclusion import judged_in, quantity_words, verdict_words
+from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, Place, Stated
 from stepdiag.texts import LANGUAGES, catalogue
 
 Link = tuple[str, str, str]

@@ -35,8 +35,8 @@ def certificate(
     from stepdiag.certificate.custody import RESULT, accepted_in, links_of
     from stepdiag.certificate.document import certificate_of
     from stepdiag.certificate.elements import document
-    from stepdiag.certificate.laboratory import read_laboratory
     from stepdiag.cli.report import read_result
+    from stepdiag.report.laboratory import read_laboratory
 
     if out.suffix.lower() != ".xml":
         raise UsageError("--out", expected="a file FILE.xml", found=str(out))

@@ -15,7 +15,7 @@ from stepdiag.base.result.result import Result, parse_result
 from stepdiag.certificate.document import certificate_of
 from stepdiag.certificate.elements import document
 from stepdiag.certificate.figures import figures_of, written
-from stepdiag.certificate.laboratory import read_laboratory
+from stepdiag.report.laboratory import read_laboratory
 from stepdiag.solver.methods.solve import solve
 from testkit.exact.surveys import DIAGONALS, Bench, solved
 
