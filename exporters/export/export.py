@@ -38,6 +38,7 @@ from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import missed_um, remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.standing import Standing, standing_findings
+from stepdiag.exporters.safety.state import state_findings
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
@@ -82,7 +83,11 @@ def export(
     made = planned(result, control, settled, today or datetime.now(tz=UTC).date())
     case, plan, standing = made.case, made.plan, made.standing
     _require_something(plan, case.profile)
-    findings = (*run_checks(case), *standing_findings(standing, result, case.profile))
+    findings = (
+        *run_checks(case),
+        *standing_findings(standing, result, case.profile),
+        *state_findings(result, case.previous, case.profile.machine.measured_with),
+    )
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     prediction = predict(result, *standing.acting(result, case.profile))
     refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")

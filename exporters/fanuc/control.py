@@ -231,7 +231,7 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
                 name = next(table.name for table in tables if table.input_axis == letter)
                 raise SafetyError(
                     f"{profile.source}: machine.functions",
-                    code="pitch-points-unset",
+                    code="profile-incomplete.pitch-points",
                     expected=message("e-beside-whose-points", letter=letter, name=name, step_mm=step_mm),
                     found=message("interval-own", number=INTERVAL, step_mm=interval_mm),
                     remedy=message("export-too"),

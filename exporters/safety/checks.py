@@ -22,7 +22,6 @@ from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
-from stepdiag.texts.explained import accepted
 
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
@@ -259,7 +258,7 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
 def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
     """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that nobody accepted."""
     refusing = [item for item in findings if item.severity != "info"]
-    open_findings = [item for item in refusing if item.severity == "error" or not accepted(item.code, item.key, accept)]
+    open_findings = [item for item in refusing if item.severity == "error" or not item.is_accepted(accept)]
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")

@@ -1,11 +1,11 @@
 """A finding about the data: code, severity, action, place, and the message for a person."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
-from stepdiag.texts.explained import Action, Severity, finding_action
+from stepdiag.texts.explained import Action, Severity, accepted, finding_action
 from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import findings as finding_keys
 from stepdiag.texts.texts import Language
@@ -55,6 +55,10 @@ class Finding:
     def words(self) -> Words:
         """Return the message with its place before it; the text where an old log or result holds nothing else."""
         return self.text if self.message is None else at(self.place, self.message)
+
+    def is_accepted(self, accept: Container[str]) -> bool:
+        """Return whether a person accepts it: by its code, by its key, or by a name of an older version."""
+        return accepted(self.code, self.key, accept)
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON form of the contract: code, severity, action, text, its arguments, and where it belongs as far as that is known.

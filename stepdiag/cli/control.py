@@ -100,9 +100,7 @@ def export(
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
-    from stepdiag.texts.explained import accepted
-
-    if unused := [code for code in accept if not any(accepted(each.code, each.key, [code]) for each in written.findings)]:
+    if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
         typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
 
 

@@ -85,7 +85,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 
 
 def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Replayed:
-    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with what was said of them since.
+    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with the verdicts on them since.
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
     """
@@ -97,7 +97,7 @@ def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = 
 
 
 def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
-    """Return logs with what persons and the solver said of them beside. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
+    """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
     replayed = replay(logs, survey_file, verdicts.suspicions)

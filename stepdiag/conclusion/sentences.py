@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from stepdiag.texts import Language, catalogue, localised
-from stepdiag.texts.sentences import TOLD, translated
+from stepdiag.texts.sentences import NESTED, translated
 
 SECTION = "conclusion"
 
@@ -29,4 +29,4 @@ def render(sentence: Sentence, language: Language) -> str:
 def _argument(name: str, value: str | Sentence, language: Language) -> str:
     if isinstance(value, Sentence):
         return render(value, language)
-    return (translated if name in TOLD else localised)(value, language)
+    return (translated if name in NESTED else localised)(value, language)

@@ -193,7 +193,7 @@ def positioning_table(standards: Standards, words: Mapping[str, str], in_words: 
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return of which lengths all figures along axes and diagonals are; empty where that is not said, or not the same of all."""
+    """Return of which lengths all figures along axes and diagonals are; empty where that is unknown, or not the same of all."""
     lengths = {text for found in standards.values() if found and (text := _lengths(found[0], words))}
     return lengths.pop() if len(lengths) == 1 else ""
 

@@ -16,7 +16,7 @@ _LISTS = {"; ": "list_semicolon", ", ": "list_comma", " or ": "list_or", " and "
 """What stands between the parts of a list, and its word in the catalogue's section ``finding_place``."""
 _WHOLE = frozenset({"remedy", "those"})
 """Arguments that may be lists themselves."""
-TOLD = frozenset({"what", "why", "said", "spot"})
+NESTED = frozenset({"what", "why", "said", "spot"})
 """Arguments that are sentences themselves, and must be known too."""
 _ONE_WORD = frozenset({"um", "limit", "count", "number", "first", "last"})
 """Arguments that are one figure: a sentence in their place is another sentence, which begins like this one."""
@@ -112,7 +112,7 @@ def is_known(text: str) -> bool:
     found = _found(text)
     if found is None:
         return any(_parts(text, mark) for mark in _LISTS)
-    return all(is_known(value) for name, value in found[1].items() if name in TOLD)
+    return all(is_known(value) for name, value in found[1].items() if name in NESTED)
 
 
 def _known(text: str, language: Language) -> str:
@@ -125,7 +125,7 @@ def _known(text: str, language: Language) -> str:
 
 
 def _listed(text: str, language: Language, marks: Sequence[str]) -> str:
-    return next((told for mark in marks if (told := _in_parts(text, language, mark))), "")
+    return next((words for mark in marks if (words := _in_parts(text, language, mark))), "")
 
 
 def _in_parts(text: str, language: Language, mark: str) -> str:

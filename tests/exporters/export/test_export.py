@@ -371,13 +371,14 @@ class TestActiveTables:
 
     def merged(self, out):
         profile = self.active("on")
-        return export(measured_with(RESULT, profile.existing), "siemens", profile, out_dir=out, accept=["change-large"], today=TODAY)
+        left = made_result({"EXX": [0, 1, 2, 3, 4]})
+        return export(measured_with(left, profile.existing), "siemens", profile, out_dir=out, accept=["change-large"], today=TODAY)
 
     def test_merging_adds_the_residual_to_an_as_error_table(self, tmp_path):
         """controllers.md 9: T_new = T_old + r, on the new grid, zero at the reference."""
         report = self.merged(tmp_path)
         table = next(table for table in report.tables if table.name == "EXX")
-        np.testing.assert_allclose(table.value_um, [0, 3 + 5, 8 + 10, 12 + 15, 20 + 20], atol=0.05)
+        np.testing.assert_allclose(table.value_um, [0, 5 + 1, 10 + 2, 15 + 3, 20 + 4], atol=0.05)
 
     def test_prediction_counts_the_change_only(self, tmp_path):
         """The residual was measured with the old table on: replacing it by old + residual leaves nothing."""

@@ -141,7 +141,7 @@ def test_straight_lines_need_the_pitch_points_that_nobody_sets(interval_mm: byte
     elsewhere = replace(pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", intervals))
     with pytest.raises(SafetyError) as refused:
         codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EZZ", "EXY"])
-    assert refused.value.code == "pitch-points-unset"
+    assert refused.value.code == "profile-incomplete.pitch-points"
     assert "EYY beside EXY" in str(refused.value)
     codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EYY", "EZZ", "EXY"])
 

@@ -23,7 +23,7 @@ from stepdiag.base.result.members import SetupReport
 from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
-from stepdiag.comparing.compare import same_machine
+from stepdiag.comparing.compare import require_alike
 from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.records.events import Chunk
 from stepdiag.report.certificate import facts_table, read_letterhead
@@ -426,7 +426,7 @@ def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
     assert "Measured again after loading" in html
     assert "after.json" in html
     with pytest.raises(DataError, match="VM 700"):
-        same_machine(read_result(paths["before"]), read_result(paths["other"]))
+        require_alike(read_result(paths["before"]), read_result(paths["other"]))
 
 
 def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:

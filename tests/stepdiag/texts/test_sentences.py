@@ -8,7 +8,7 @@ from stepdiag.base.messages import Message, Place, at, joined, message, rendered
 from stepdiag.texts import catalogue, localised
 from stepdiag.texts.explained import explanations
 from stepdiag.texts.findings import advice_of, place_of, ranges, sentence
-from stepdiag.texts.sentences import TOLD, is_known, translated
+from stepdiag.texts.sentences import NESTED, is_known, translated
 from testkit.german import is_english
 
 SENTENCES = catalogue("sentence", "en")
@@ -20,7 +20,7 @@ def test_every_sentence_reads_in_german(key: str) -> None:
     german = catalogue("sentence", "de")[key]
     names = re.findall(r"\{(\w+)\}", SENTENCES[key])
     assert sorted(set(names)) == sorted(set(re.findall(r"\{(\w+)\}", german)))
-    given = {name: "firmware 7" if name in TOLD else f"X{index}" for index, name in enumerate(dict.fromkeys(names))}
+    given = {name: "firmware 7" if name in NESTED else f"X{index}" for index, name in enumerate(dict.fromkeys(names))}
     assert is_known(SENTENCES[key].format(**given))
     assert translated(SENTENCES[key].format(**given), "de") == german.format(
         **{name: value.replace("firmware", "Firmware") for name, value in given.items()}

@@ -1,0 +1,168 @@
+"""Theory of operation: was the compensation on while the machine was measured? The data answer, not the statement alone.
+
+An old table of a function was made of an error e, and may be k times of the right size today. What a survey finds of that function is
+
+    measured = e (1 +- CHANGED)                 compensation off
+    measured = e (1 +- CHANGED) - k e           compensation on
+
+so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k where it was off and 1 / k - 1 where it was on. k is near 1,
+log normal (`SIZES`, one k for all tables of a kind), and the share has an uncertainty of its own from that of the result. The odds of "on"
+against "off" are the ratio of the likelihoods of all shares of a kind, integrated over k.
+
+A table of another machine, or of before a repair, shows any share: that it has to do with neither state is a third explanation, broad
+(`ALIEN`), which takes the odds away where neither of the two fits.
+
+A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about. Functions are judged by
+kind of table (and each by itself, where it alone contradicts), so that one forgotten switch shows.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
+from stepdiag.base.result.result import Function, Result
+from stepdiag.base.volume import Vector
+from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
+from stepdiag.exporters.tables.tables import Table, summed_um
+
+SIZES = 0.25
+"""Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are ordinary."""
+CHANGED = 0.15
+"""How much of a function changes between the survey of an old table and today's, as a share of it."""
+SEEN = 0.3
+"""A share less certain than this says nothing: the old table is no larger than what the survey does not know."""
+CONTRADICTED, DOUBTED = 20.0, 4.0
+"""Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
+ALIEN, ALIEN_ODDS = 2.0, 0.2
+"""Standard deviation of the share of a table that is of something else, and how often a table is so beside one state."""
+_LOG_K = np.linspace(-1.0, 1.0, 81)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right."""
+
+    name: str
+    kind: str
+    value: float
+    u: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """A group of tables: their ``names``, the mean share with its standard uncertainty, and the ``odds`` of "on" and of "off"."""
+
+    kind: str
+    names: tuple[str, ...]
+    value: float
+    u: float
+    odds: Mapping[str, float]
+
+
+def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
+    """Return the share of every function, and of every squareness, whose old tables are large enough to be seen in a result."""
+    old = [table for table in tables if table.multiplier is None and table.value_um.any()]
+    named = {name: [table for table in old if table.name == name] for name in dict.fromkeys(table.name for table in old)}
+    found = [_of_function(result.errors[name], name, mine) for name, mine in named.items() if name in result.errors]
+    found += [_of_squareness(result, name, named) for name in SQUARENESS_SLOPE]
+    return [share for share in found if share is not None]
+
+
+def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Share | None:
+    """Return the share of the old tables of a function: of a straightness without its slope, which is a matter of the axes' directions."""
+    if function.value is None or function.u is None or len(function.value) < 2:
+        return None
+    at = function.position_mm
+    shape = name[1] != name[2] or not function.slope_identified
+    measured, old = (_from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at)))
+    squares = float(old @ old)
+    if squares <= 0.0:
+        return None
+    u = float(np.abs(old) @ function.u) / squares  # nodes that err together, which is the most that they can do
+    return _seen(name, tables, float(measured @ old) / squares, u)
+
+
+def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
+    """Return the share of a squareness within the slopes of the old tables of its two straightnesses."""
+    found = result.squareness.get(name)
+    tables = [table for function in SQUARENESS_SLOPE[name] for table in named.get(function, ())]
+    if found is None or found.value is None or found.u is None or not tables:
+        return None
+    old_urad = 0.0
+    for function, sign in SQUARENESS_SLOPE[name].items():
+        mine = named.get(function, ())
+        if mine:
+            ends = np.array([min(table.position_mm[0] for table in mine), max(table.position_mm[-1] for table in mine)])
+            old_urad += sign * 1000.0 * float(np.diff(_error_um(mine, ends))[0]) / float(np.ptp(ends))
+    if old_urad == 0.0:
+        return None
+    return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
+
+
+def _seen(name: str, tables: Sequence[Table], value: float, u: float) -> Share | None:
+    kind = "+".join(sorted({table.kind for table in tables}))
+    return Share(name=name, kind=kind, value=value, u=u) if u <= SEEN else None
+
+
+def _error_um(tables: Sequence[Table], at: Vector) -> Vector:
+    """Return the error that tables correct, mean of both directions of travel."""
+    error: Vector = -(summed_um(tables, at, +1) + summed_um(tables, at, -1)) / 2
+    return error
+
+
+def _from_first(values: Vector, at: Vector, *, shape: bool) -> Vector:
+    """Return values relative to the first; ``shape`` removes the line through the ends."""
+    line = (values[-1] - values[0]) * (at - at[0]) / (at[-1] - at[0]) if shape else 0.0
+    rest: Vector = values - values[0] - line
+    return rest
+
+
+def judged(found: Sequence[Share]) -> list[Judged]:
+    """Return the odds by kind of table and of each function by itself, those less by the number that were asked: one of many stands out."""
+    kinds = {kind: [share for share in found if share.kind == kind] for kind in dict.fromkeys(share.kind for share in found)}
+    groups = [_group(kind, members, 1) for kind, members in kinds.items()]
+    return groups + [_group(share.kind, [share], len(kinds[share.kind])) for share in found if len(kinds[share.kind]) > 1]
+
+
+def _group(kind: str, members: Sequence[Share], asked: int) -> Judged:
+    weights = np.array([(share.u**2 + CHANGED**2) ** -1.0 for share in members])
+    value = float(weights @ [share.value for share in members] / weights.sum())
+    on, off = (_log_likelihood(members, acted=acted) for acted in (True, False))
+    alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(ALIEN_ODDS)
+    odds = {state: float(one - np.logaddexp(other, alien)) - np.log(asked) for state, one, other in (("on", on, off), ("off", off, on))}
+    return Judged(
+        kind=kind, names=tuple(share.name for share in members), value=value, u=float(weights.sum() ** -0.5),
+        odds={state: float(np.exp(min(each, 700.0))) for state, each in odds.items()},
+    )  # fmt: skip
+
+
+def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
+    """Return the logarithm of the likelihood of shares, integrated over the size of the tables."""
+    whole = np.exp(-_LOG_K)
+    prior = -0.5 * (_LOG_K / SIZES) ** 2
+    logs = prior
+    for share in members:
+        u = np.hypot(share.u, CHANGED * whole)
+        logs = logs - 0.5 * ((share.value - whole + acted) / u) ** 2 - np.log(u)
+    return float(np.logaddexp.reduce(logs) - np.logaddexp.reduce(prior))
+
+
+def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
+    """Yield an error where the data contradict what is stated of the compensation ("on" or "off"), a warning where they doubt it."""
+    named: set[str] = set()
+    for group in judged(shares(result, tables)):
+        against = group.odds["on" if stated == "off" else "off"]
+        alone = len(group.names) == 1
+        # one function may have changed by itself; tables of one kind do not all change to what the other state shows
+        if against <= (CONTRADICTED if alone else DOUBTED) or named >= set(group.names):
+            continue
+        named.update(group.names)
+        if against > CONTRADICTED:
+            text = message("compensation-contradicted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
+            yield finding("error", text)
+        else:
+            text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
+            yield finding("warning", text)

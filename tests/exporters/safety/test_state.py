@@ -1,0 +1,112 @@
+"""Whether the compensation was on while measuring is read from the data, and held against what is stated."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.base.compensation import Statement
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.state import shares, state_findings
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.tables import Table
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
+
+CONTROL = controller_named("siemens")
+NAMES = ("EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+KINDS = {"EEC": NAMES[:3], "CEC": NAMES[3:]}
+MACHINES = 200
+
+
+def drawn(dice: np.random.Generator, size_um: float = 8.0) -> dict[str, np.ndarray]:
+    """Draw the functions of a machine: slopes for the positioning errors, bows for the straightnesses."""
+    along = np.linspace(0.0, 1.0, 5)
+    found = {}
+    for name in NAMES:
+        bow = size_um * dice.normal() * np.sin(np.pi * along) + size_um / 2 * dice.normal() * np.sin(2 * np.pi * along)
+        found[name] = bow + (size_um * dice.normal() * along if name[1] == name[2] else 0.0)
+    return found
+
+
+def tables_of(errors: dict[str, np.ndarray]) -> tuple[Table, ...]:
+    return tuple(
+        CONTROL.plan(curves_of(made_result({name: list(each) for name, each in errors.items()})), profile_of("siemens", VOLUME)).tables
+    )
+
+
+def surveyed(dice: np.random.Generator, acted: dict[str, bool]) -> tuple[Result, tuple[Table, ...]]:
+    """Draw a machine with old tables of 0.7 to 1.4 of the right size, a sixth of its errors new, and what a survey finds of it."""
+    old = drawn(dice)
+    sizes = {kind: float(np.exp(dice.uniform(np.log(0.7), np.log(1.4)))) for kind in KINDS}
+    kind_of = {name: kind for kind, names in KINDS.items() for name in names}
+    now = {
+        name: each * (1 + 0.15 * dice.normal()) - acted[kind_of[name]] * sizes[kind_of[name]] * each + 0.5 * dice.normal(size=5)
+        for name, each in old.items()
+    }
+    tables = tables_of({name: sizes[kind_of[name]] * each for name, each in old.items()})
+    return made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5), tables
+
+
+@pytest.mark.parametrize("state", ["on", "off"])
+def test_a_wrong_statement_is_found_and_a_right_one_never_refused(state: str) -> None:
+    """False alarms below 2 % of 200 machines whose old tables are anything from too small to too large."""
+    other = {"on": "off", "off": "on"}[state]
+    false, found = 0, 0
+    for seed in range(MACHINES):
+        result, tables = surveyed(np.random.default_rng(seed), dict.fromkeys(KINDS, state == "on"))
+        false += any(each.severity == "error" for each in state_findings(result, tables, state))
+        found += any(each.severity == "error" for each in state_findings(result, tables, other))
+    assert false < 0.02 * MACHINES
+    assert found > 0.95 * MACHINES
+
+
+@pytest.mark.parametrize("left_on", list(KINDS))
+def test_one_forgotten_switch_shows_with_the_functions_of_its_tables(left_on: str) -> None:
+    named, wrong = 0, 0
+    for seed in range(50):
+        result, tables = surveyed(np.random.default_rng(seed), {kind: kind == left_on for kind in KINDS})
+        found = [set(each.message.arguments["names"]) for each in state_findings(result, tables, "off") if each.severity == "error"]  # type: ignore[union-attr]
+        named += any(names <= {*KINDS[left_on], "C0Y", "B0Z", "A0Z"} for names in found)
+        wrong += any(names & set(KINDS[other]) for names in found for other in KINDS if other != left_on)
+    assert named >= 43
+    assert wrong <= 1
+
+
+def test_a_table_smaller_than_what_the_survey_knows_says_nothing() -> None:
+    dice = np.random.default_rng(1)
+    small = {name: 0.02 * each for name, each in drawn(dice).items()}
+    result = made_result({name: list(each - each[0]) for name, each in drawn(dice).items()}, u_um=0.5)
+    assert shares(result, tables_of(small)) == []
+
+
+@pytest.mark.parametrize(("acted", "stated"), [(True, "off"), (False, "on")])
+def test_an_export_on_a_wrong_statement_is_refused(acted: bool, stated: str, tmp_path) -> None:
+    """Tables made of what is left, in place of the old ones: 2.8 um had become 5.1 with exit code 0."""
+    result, _ = surveyed(np.random.default_rng(3), dict.fromkeys(KINDS, acted))
+    dice = np.random.default_rng(3)
+    plan = CONTROL.plan(curves_of(made_result({name: list(each) for name, each in drawn(dice).items()})), profile_of("siemens", VOLUME))
+    existing = tuple(file for file in CONTROL.render(plan.tables, profile_of("siemens", VOLUME)) if file.name.endswith(".INI"))
+    base = profile_of("siemens", VOLUME)
+    profile = replace(base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated))
+    statement = Statement(state="off") if stated == "off" else _on(existing)
+    with pytest.raises(SafetyError) as refused:
+        export(
+            replace(result, survey=statement.facts(Facts(machine="test machine"))), "siemens", profile,
+            accept=("change-large", "correction-small.uncertainty"), out_dir=tmp_path / "out",
+        )  # fmt: skip
+    assert "compensation-contradicted" in (refused.value.code, *str(refused.value).split())
+    assert not (tmp_path / "out").exists()
+
+
+def _on(existing):
+    from datetime import date
+
+    from stepdiag.base.compensation import stated
+
+    return stated("on", {file.name: file.data for file in existing}, date(2026, 6, 1), "archive")
