@@ -435,7 +435,7 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
-    """What the first page of the report says of customer, machine and instruments; empty entries are left out there."""
+    """What the first page of the report says of customer, machine and instruments; an empty entry is "not stated" there."""
 
     customer: str = ""
     machine_serial: str = ""

@@ -27,9 +27,10 @@ def certificate(
     key: Annotated[Path | None, typer.Option(help="A private key (PEM): signs the certificate; needs stepdiag[certificate].")] = None,
     key_certificate: Annotated[Path | None, typer.Option(help="The key's X.509 certificate (PEM).")] = None,
 ) -> None:
-    """Write the digital calibration certificate of a result (DCC 3.3.0).
+    """Write a result as a calibration certificate.
 
-    It names everything it rests on by its SHA-256; `stepdiag verify FILE.xml` computes it again from the logs.
+    A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
+    `stepdiag verify FILE.xml` computes it again from the logs.
     """
     from stepdiag.base.files import write_together
     from stepdiag.certificate.custody import RESULT, accepted_in, links_of

@@ -192,9 +192,10 @@ def verify(
     active_source: ActiveSource = "",
     as_json: AsJson = False,
 ) -> None:
-    """Judge compensation files and predict the error before and after.
+    """Judge compensation files, or compute a certificate again.
 
-    They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
+    Files are read as the control will read them, and the error before and after is predicted; exit code 5 where one of
+    their tables is wrong, beyond a limit, or makes the machine worse.
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
     A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
     """

@@ -94,7 +94,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
             "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
-            "--language": ["--language", "de"], "--json": ["--json"],
+            "--laboratory": ["--laboratory", "laboratory.toml"], "--language": ["--language", "de"], "--json": ["--json"],
         },
     ),
     "certificate": (
