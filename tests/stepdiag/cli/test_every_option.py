@@ -94,7 +94,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
             "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
-            "--laboratory": ["--laboratory", "laboratory.toml"], "--language": ["--language", "de"], "--json": ["--json"],
+            "--laboratory": ["--laboratory", "signed.toml"], "--language": ["--language", "de"], "--json": ["--json"],
         },
     ),
     "certificate": (
@@ -320,6 +320,7 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "uncertainty.toml": SECTION,
         "active.ini": "",
         "laboratory.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n",
+        "signed.toml": '[[person]]\nname = "M. Muster"\n',
         "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
         "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
