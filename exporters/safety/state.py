@@ -9,11 +9,12 @@ so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k where it
 log normal (`SIZES`, one k for all tables of a kind), and the share has an uncertainty of its own from that of the result. The odds of "on"
 against "off" are the ratio of the likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or of before a repair, shows any share: that it has to do with neither state is a third explanation, broad
-(`ALIEN`), which takes the odds away where neither of the two fits.
+A table of another machine, or of before a repair, shows any share (`ALIEN`). That is so of all tables of a kind with the odds
+`ALIEN_ODDS`, a third explanation, which takes the odds away where neither of the two fits; and of each table by itself with the
+probability `ALIEN_ODDS`, whatever the state: one function that was repaired says nothing of the others.
 
 A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about. Functions are judged by
-kind of table (and each by itself, where it alone contradicts), so that one forgotten switch shows.
+kind of table, so that one forgotten switch shows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +37,7 @@ SEEN = 0.3
 """A share less certain than this says nothing: the old table is no larger than what the survey does not know."""
 CONTRADICTED, DOUBTED = 20.0, 4.0
 """Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
-ALIEN, ALIEN_ODDS = 2.0, 0.2
+ALIEN, ALIEN_ODDS = 1.0, 0.1
 """Standard deviation of the share of a table that is of something else, and how often a table is so beside one state."""
 _LOG_K = np.linspace(-1.0, 1.0, 81)
 
@@ -121,18 +122,17 @@ def _from_first(values: Vector, at: Vector, *, shape: bool) -> Vector:
 
 
 def judged(found: Sequence[Share]) -> list[Judged]:
-    """Return the odds by kind of table and of each function by itself, those less by the number that were asked: one of many stands out."""
-    kinds = {kind: [share for share in found if share.kind == kind] for kind in dict.fromkeys(share.kind for share in found)}
-    groups = [_group(kind, members, 1) for kind, members in kinds.items()]
-    return groups + [_group(share.kind, [share], len(kinds[share.kind])) for share in found if len(kinds[share.kind]) > 1]
+    """Return the odds by kind of table."""
+    kinds = dict.fromkeys(share.kind for share in found)
+    return [_group(kind, [share for share in found if share.kind == kind]) for kind in kinds]
 
 
-def _group(kind: str, members: Sequence[Share], asked: int) -> Judged:
+def _group(kind: str, members: Sequence[Share]) -> Judged:
     weights = np.array([(share.u**2 + CHANGED**2) ** -1.0 for share in members])
     value = float(weights @ [share.value for share in members] / weights.sum())
     on, off = (_log_likelihood(members, acted=acted) for acted in (True, False))
     alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(ALIEN_ODDS)
-    odds = {state: float(one - np.logaddexp(other, alien)) - np.log(asked) for state, one, other in (("on", on, off), ("off", off, on))}
+    odds = {state: float(one - np.logaddexp(other, alien)) for state, one, other in (("on", on, off), ("off", off, on))}
     return Judged(
         kind=kind, names=tuple(share.name for share in members), value=value, u=float(weights.sum() ** -0.5),
         odds={state: float(np.exp(min(each, 700.0))) for state, each in odds.items()},
@@ -146,23 +146,18 @@ def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
     logs = prior
     for share in members:
         u = np.hypot(share.u, CHANGED * whole)
-        logs = logs - 0.5 * ((share.value - whole + acted) / u) ** 2 - np.log(u)
+        alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
+        logs = logs + np.logaddexp(np.log((1 - ALIEN_ODDS) / u) - 0.5 * ((share.value - whole + acted) / u) ** 2, alien)
     return float(np.logaddexp.reduce(logs) - np.logaddexp.reduce(prior))
 
 
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
     """Yield an error where the data contradict what is stated of the compensation ("on" or "off"), a warning where they doubt it."""
-    named: set[str] = set()
     for group in judged(shares(result, tables)):
         against = group.odds["on" if stated == "off" else "off"]
-        alone = len(group.names) == 1
-        # one function may have changed by itself; tables of one kind do not all change to what the other state shows
-        if against <= (CONTRADICTED if alone else DOUBTED) or named >= set(group.names):
-            continue
-        named.update(group.names)
         if against > CONTRADICTED:
             text = message("compensation-contradicted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
             yield finding("error", text)
-        else:
+        elif against > DOUBTED:
             text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
             yield finding("warning", text)

@@ -20,8 +20,10 @@ are asked first and count as few. Courses compete by
 
 so the largest is taken first, and the search goes on behind it. Its share of the evidence of all courses is its probability: the
 interval of "since when" holds `HELD` of the steps', and a line has a day of leaving only where steps and run-ins have less than the rest.
+A season, which runs through any levels of two or three visits, is taken only where a step, or a line, has less than 1 - `HELD` beside it.
 
-Verdicts: "changed" where a course is accepted; "unchanged" where none is and a change of three U at any survey is excluded;
+Verdicts: "changed" where a course is accepted; "unchanged" where none is and a change of three U at any survey is excluded, also one that
+was taken back before the next survey, which no step shows;
 else "undecided", with the number of further surveys that would decide.
 """
 
@@ -190,19 +192,19 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -
     weights[:, ~np.isfinite(weights).all(axis=0)] = 0.0  # a node that is zero by definition has nothing to show
     gains = _gains_beside_levels(values, weights, days, candidates)
     limits = _thresholds(candidates, days, questions)
-    hidden = _hidden(np.hstack([each.u[kept] for each in figures]), weights, candidates, gains)
+    u = np.hstack([each.u[kept] for each in figures])
+    hidden, lone = _hidden(u, weights, candidates, gains), _lone(u, values, weights, days)
     end = 0
     for each in figures:
         mine = slice(end, end := end + each.values.shape[1])
         if not np.any(weights[:, mine]):
             yield Explained(verdict="undecided", courses=())
-        elif np.any(days.broken) or np.any(gains.gain[:, mine].max(axis=1, initial=0.0) > limits):
-            search = _Search(values[:, mine], weights[:, mine], days, candidates, limits, questions)
-            courses = search.courses(gains.of(mine), surveys)
-            yield Explained(verdict="changed", courses=courses) if courses else _unchanged(hidden[:, mine], search, gains.of(mine))
         else:
             search = _Search(values[:, mine], weights[:, mine], days, candidates, limits, questions)
-            yield _unchanged(hidden[:, mine], search, gains.of(mine))
+            worth = np.any(days.broken) or np.any(gains.gain[:, mine].max(axis=1, initial=0.0) > limits)
+            courses = search.courses(gains.of(mine), surveys) if worth else ()
+            same = _unchanged(hidden[:, mine], lone[mine], search, gains.of(mine))
+            yield Explained(verdict="changed", courses=courses) if courses else same
 
 
 def _base(days: Calendar) -> Array:
@@ -287,9 +289,10 @@ class _Search:
         share = best / 2 + self.candidates.log_prior
         share = np.exp(share - share.max())
         share /= share.sum()
-        gradual = np.isin(kinds, ("line", "run-in"))
-        if share[gradual].sum() < HELD * share[gradual | (kinds == "step")].sum() and np.any(np.isfinite(evidence[kinds == "step"])):
-            evidence[gradual] = -np.inf  # at once or gradually: the interval of the step holds both
+        for simple, others in (("step", ("line", "run-in", "season")), ("line", ("season",))):
+            like, wider = kinds == simple, np.isin(kinds, others)
+            if share[wider].sum() < HELD * share[wider | like].sum() and np.any(np.isfinite(evidence[like])):
+                evidence[wider] = -np.inf  # at once or gradually: the interval of the step holds both
         number = int(np.argmax(evidence))
         alike = np.where(kinds == kinds[number], share, 0.0)
         first, last = self._since(number, alike)
@@ -335,8 +338,28 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
     return found
 
 
-def _unchanged(hidden: Mask, search: _Search, gains: _Gains) -> Explained:
-    """Return "unchanged" where no change hides, else how many further surveys would decide."""
+def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
+    """Return at which nodes one survey alone may be off by `DENIABLE` U, shape (nodes,): a change that was taken back, which no step shows.
+
+    The first and the last survey behind a known break are off by a step.
+    """
+    found: Mask = np.zeros(values.shape[1], dtype=bool)
+    for level in _base_levels(days):
+        own, inner = weights[level], slice(level.start + 1, max(level.stop - 1, level.start + 1))
+        mine = weights[inner]
+        others = own.sum(axis=0) - mine
+        usable = (mine > 0) & (others > 0)
+        middle = np.divide((own * values[level]).sum(axis=0) - mine * values[inner], others, out=np.zeros_like(mine), where=usable)
+        certain = np.sqrt(sum(np.divide(1.0, each, out=np.zeros_like(mine), where=usable) for each in (mine, others)))
+        allowed = 2 * DENIABLE * np.hypot(u[inner], u[level.start : inner.stop - 1])
+        found |= np.any(usable & (np.abs(values[inner] - middle) + excluded_beyond(0.0) * certain > allowed), axis=0)
+    return found
+
+
+def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Explained:
+    """Return "unchanged" where no change hides, else how many further surveys would decide: none of them does of an earlier one alone."""
+    if np.any(lone):
+        return Explained(verdict="undecided", courses=())
     if not np.any(hidden):
         return Explained(verdict="unchanged" if len(hidden) else "undecided", courses=())
     places = [at for at, kind in zip(search.candidates.places.tolist(), search.candidates.kinds, strict=True) if kind == "step"]
@@ -396,15 +419,20 @@ def _candidates(calendar: Calendar) -> _Candidates:
             places.append(0)
             prior.append(-math.log(4 * len(RUN_INS)))
     if count >= SEASON_SURVEYS and span > SEASON_YEARS:
-        for wave in (np.sin, np.cos):
+        for wave, log_prior in zip(waves_of(years), (-math.log(4), -np.inf), strict=True):
             kinds.append("season")
-            columns.append(wave(2 * np.pi * years / SEASON_YEARS))
+            columns.append(wave)
             places.append(0)
-            prior.append(-math.log(4) if wave is np.sin else -np.inf)
+            prior.append(log_prior)
     return _Candidates(
         columns=np.column_stack(columns) if columns else np.zeros((count, 0)), kinds=tuple(kinds),
         places=np.array(places, dtype=np.int64), log_prior=np.array(prior),
     )  # fmt: skip
+
+
+def waves_of(years: Array) -> tuple[Array, Array]:
+    """Return the columns of a season, shape (surveys,) each."""
+    return np.sin(2 * np.pi * years / SEASON_YEARS), np.cos(2 * np.pi * years / SEASON_YEARS)
 
 
 def _gains_beside_levels(values: Array, weights: Array, days: Calendar, candidates: _Candidates) -> _Gains:

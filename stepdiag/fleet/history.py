@@ -242,6 +242,8 @@ def _stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
         return (), Standing()
     usual = Standing()
     known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
+    if len(known["volume_mm"]) != 6 or not all(isinstance(each, int | float) for each in known["volume_mm"]):
+        known["volume_mm"] = ()
     return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
 
 
@@ -333,8 +335,8 @@ def _at_common_nodes(positions: list[Array], values: list[Array], us: list[Array
 
     Relative to the line through its ends there: surveys over other parts of the travel have another zero and another line.
     """
-    low, high = max(each[0] for each in positions), min(each[-1] for each in positions)
     coarsest = min(positions, key=len)
+    low, high = (pick(each[end] for each in positions if len(each)) for pick, end in ((max, 0), (min, -1)))
     nodes = coarsest[(coarsest >= low - ALMOST_MM) & (coarsest <= high + ALMOST_MM)]
     if len(nodes) < 2:
         nothing = np.full((len(positions), 1), np.nan)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
 from stepdiag.comparing.chance import Verdict
-from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter
+from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
 from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
 
 Array = NDArray[np.float64]
@@ -159,7 +159,8 @@ def rank(trend: Trend) -> tuple[int, float]:
 def _leaving(series: Series, found: Explained, scattered: float, tolerance: float) -> Leaving | None:
     """Return when the line, and its band at k = 2, cross the tolerance towards which it runs; a date in the past stands for now.
 
-    None where there is no line, or one that runs away from the tolerance: a figure that is a magnitude leaves by growing alone.
+    None where there is no line, or one that runs away from the tolerance: a figure that is a magnitude leaves by growing alone. Beside a
+    season it is the mean of the year that leaves.
     """
     line = next((each for each in found.courses if each.kind == "line"), None)
     kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
@@ -169,7 +170,8 @@ def _leaving(series: Series, found: Explained, scattered: float, tolerance: floa
     years = np.array([(time - times[-1]) / YEAR for time in times])
     loaded = [at for at in range(1, len(times)) if series.surveys[at - 1].active != series.surveys[at].active]
     steps = sorted({*loaded, *(each.at for each in found.courses if each.kind == "step")})
-    design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps)])
+    waves = waves_of(years) if any(each.kind == "season" for each in found.courses) else ()
+    design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps), *waves])
     weights = (1 - series.common**2 + scattered**2) ** -1.0 * series.shown[:, 1] ** -2.0
     shown = _centred(series)
     amounts, covariance = fit(shown[kept, None], weights[kept, None], design[kept])

@@ -66,6 +66,26 @@ def test_a_wrong_statement_is_found_and_a_right_one_never_refused(state: str) ->
     assert found > 0.95 * MACHINES
 
 
+@pytest.mark.parametrize("state", ["on", "off"])
+def test_functions_that_changed_by_themselves_refuse_no_right_statement(state: str) -> None:
+    """Three bows of a machine are new since its tables were made: what the others show decides."""
+    other = {"on": "off", "off": "on"}[state]
+    false, found = 0, 0
+    for seed in range(MACHINES):
+        dice = np.random.default_rng(seed)
+        result, tables = surveyed(dice, dict.fromkeys(KINDS, state == "on"))
+        errors = dict(result.errors)
+        for name in dice.choice(NAMES, 3, replace=False).tolist():
+            value = errors[name].value
+            assert value is not None
+            errors[name] = replace(errors[name], value=value + 8.0 * dice.normal() * np.sin(np.linspace(0.0, np.pi, 5)))
+        changed = replace(result, errors=errors)
+        false += any(each.severity == "error" for each in state_findings(changed, tables, state))
+        found += any(each.severity == "error" for each in state_findings(changed, tables, other))
+    assert false < 0.02 * MACHINES
+    assert found > 0.8 * MACHINES
+
+
 @pytest.mark.parametrize("left_on", list(KINDS))
 def test_one_forgotten_switch_shows_with_the_functions_of_its_tables(left_on: str) -> None:
     named, wrong = 0, 0

@@ -143,3 +143,23 @@ def test_tables_of_before_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (series,) = series_of(store)
     assert series.common.tolist() == [0.0, 0.0]
     assert [point.value for point in series.points] == [5.0, 5.1]
+
+
+@pytest.mark.parametrize("volume", [[1, 2], [0] * 7, ["a"] * 6, [0, 0, 0, 500, 400, "x"], "500"])
+def test_a_volume_that_no_result_has_is_none(volume):
+    """A table that somebody altered hides no other survey."""
+    assert [len(each.surveys) for each in history(USUAL, replace(USUAL, volume_mm=volume), USUAL).series] == [3, 3]
+
+
+def test_a_number_in_place_of_a_function_is_not_decided():
+    shared = {"machine": "M", "event": "", "method": "estimate", "software": "1", "conditions": "{}"}
+    rows = [
+        [Row(quantity="EYX", axis="X", position_mm=None, value=1.0, u=0.2, unit="um")],
+        [Row(quantity="EYX", axis="X", position_mm=at, value=1.0, u=0.2, unit="um") for at in (0.0, 100.0)],
+    ]
+    tables = [
+        (table_of(About(survey=f"{number}", time=FIRST + number * QUARTER, **shared), each), f"place{number}")
+        for number, each in enumerate(rows)
+    ]
+    (found,) = trends_of(history_of(index_of(tables), NOW).series, lambda *_: None)
+    assert (len(found.series.surveys), found.verdict) == (2, "undecided")

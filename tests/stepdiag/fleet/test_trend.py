@@ -116,6 +116,13 @@ class TestChanges:
         assert found.leaving is not None
         assert sum(step.known for step in found.steps) == 5
 
+    @pytest.mark.parametrize("every", [1, 2, 3])
+    def test_tables_loaded_before_every_few_surveys_are_no_other_change(self, every: int) -> None:
+        loads = {number: (f"{number:012x}",) for number in range(0, 12, every)}
+        values = [5.0 * (number // every % 2) for number in range(12)]
+        found = trend_of(made_series(values, u=0.3, quantity=SQUARENESS, surveys=quarterly(12, active=loads)))
+        assert {each.known for each in found.explained.courses} == {True}
+
     def test_a_run_in_that_levels_off_has_no_day(self) -> None:
         dice = np.random.default_rng(6)
         years = np.arange(24) / 4
@@ -128,6 +135,35 @@ class TestChanges:
         values = 5.0 * np.sin(2 * np.pi * np.arange(24) * 91 / 365.25) + np.random.default_rng(8).normal(0, 0.5, 24)
         found = trend_of(made_series(values.tolist(), u=0.5, quantity=SQUARENESS))
         assert [each.kind for each in found.explained.courses] == ["season"]
+
+    def test_a_crash_between_visits_is_no_season(self) -> None:
+        """Visits of a few days lie at as many places of the year as there are visits: any levels look like a season."""
+        seasons, found = 0, 0
+        for seed in range(100):
+            dice = np.random.default_rng(seed)
+            days = [start + each for start in np.cumsum(dice.uniform(200, 900, 3)) for each in range(3)]
+            surveys = tuple(Survey(time=FIRST + timedelta(days=float(each)), name=str(number)) for number, each in enumerate(days))
+            at = int(dice.integers(1, 9))
+            values = dice.normal(0, 1.0, 9) + 12.0 * (np.arange(9) >= at)
+            courses = trend_of(made_series(values.tolist(), u=1.0, quantity=SQUARENESS, surveys=surveys)).explained.courses
+            seasons += any(each.kind == "season" for each in courses)
+            found += any(each.kind == "step" and each.first < at <= each.last for each in courses)
+        assert seasons <= 8
+        assert found >= 90
+
+    @few(40)
+    @given(st.integers(0, 2**32), st.integers(4, 60), st.floats(6.4, 20.0))
+    def test_a_change_that_was_taken_back_before_the_next_survey_is_not_denied(self, seed: int, count: int, size: float) -> None:
+        """No step shows one survey among many: a change of 3 U is not excluded there."""
+        dice = np.random.default_rng(seed)
+        values = np.clip(dice.normal(0, 1.0, count), -1.5, 1.5)
+        values[int(dice.integers(1, count - 1))] = size + 1.5
+        asked, *others = trends_of(
+            [replace(made_series(each.tolist(), u=1.0), quantity=f"Q{at:02d}") for at, each in enumerate((values, 0 * values, 0 * values))],
+            lambda *_: None,
+        )
+        assert asked.verdict != "unchanged"
+        assert {each.verdict for each in others} == {"unchanged"}
 
     def test_what_all_surveys_have_in_common_hides_no_change(self) -> None:
         """A crash of 2.5 um at U 3 um, of which nine tenths are the same in every survey."""
@@ -202,6 +238,21 @@ class TestLine:
         assert already_perhaps(found)
         assert leaves(found) == "perhaps outside already"
         assert "perhaps outside its tolerance" in fleet_html([found], "store", "en")
+
+    def test_the_day_of_a_machine_with_seasons_is_true_as_often_as_its_interval_states(self) -> None:
+        held = asked = 0
+        for seed in range(60):
+            dice = np.random.default_rng(seed)
+            years = np.sort(dice.uniform(0, 5, 20))
+            years -= years[0]
+            surveys = tuple(Survey(time=FIRST + float(each) * YEAR, name=str(number)) for number, each in enumerate(years))
+            values = 3.0 * years + 5.0 * np.sin(2 * np.pi * (years + dice.random())) + dice.normal(0, 0.5, 20)
+            found = trend_of(made_series(values.tolist(), u=0.5, quantity=SQUARENESS, surveys=surveys), 24.0).leaving
+            if found is not None and found.earliest is not None:
+                asked += 1
+                held += found.earliest <= FIRST + 8 * YEAR and (found.latest is None or found.latest >= FIRST + 8 * YEAR)
+        assert asked > 50
+        assert 0.9 * asked <= held
 
     @pytest.mark.parametrize("values", [[5.0, 5.1, 5.0, 4.9, 5.1], [5.0, 6.0, 7.0], [0.0, 4.0, 0.0, 4.0, 8.0, 0.0], [5.0]])
     def test_none_where_it_is_not_justified(self, values: list[float]) -> None:
