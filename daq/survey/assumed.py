@@ -10,7 +10,7 @@ from stepdiag.base.conditions.air import Air, AirUncertainty, index_u
 from stepdiag.base.conditions.assumptions import Assumptions, usual_sizes
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
-from stepdiag.daq.survey.models import Environment, Survey, Uncertainty
+from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
 VACUUM_WAVELENGTH_NM = 633.0
 """The index's uncertainty hardly depends on it."""
@@ -37,6 +37,14 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
     if "uncertainty" not in document:
         raise refuse(source, "uncertainty", message("table-uncertainty"), list(document))
     return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"), Environment())
+
+
+def parse_tolerance(text: str, source: str) -> dict[str, float]:
+    """Return the tolerances by quantity under ``[tolerance]`` of a TOML text, as in a survey file. Raises as `parse_uncertainty`."""
+    document = read_toml(text, source)
+    if "tolerance" not in document:
+        raise refuse(source, "tolerance", "a table [tolerance]", list(document))
+    return convert(document["tolerance"], Tolerance, source, "tolerance").by_quantity()
 
 
 def _index(section: Uncertainty, environment: Environment) -> float:

@@ -30,6 +30,8 @@ Line = Annotated[
     Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"),
 ]
 """What a report says in a line of its own cannot become several."""
+Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
+Rotation = Literal["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ"]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Triple = tuple[float, float, float]
 PositiveTriple = tuple[Positive, Positive, Positive]
@@ -396,6 +398,23 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     source_shift_um: Assumed = 1.0
 
 
+class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The largest magnitudes allowed; None and no entry where none is stated. The meaning stands in `stepdiag.base.conformity`."""
+
+    volumetric_rms_um: Stated | None = None
+    volumetric_largest_um: Stated | None = None
+    squareness_urad: Stated | None = None
+    positioning_e_um: Stated | None = None
+    positioning_a_um: Stated | None = None
+    functions_um: dict[Displacement, Stated] = {}
+    functions_urad: dict[Rotation, Stated] = {}
+
+    def by_quantity(self) -> dict[str, float]:
+        """Return what is stated, functions by their symbols."""
+        single = {name: value for name, value in msgspec.structs.asdict(self).items() if isinstance(value, float)}
+        return {**single, **{str(name): value for part in (self.functions_um, self.functions_urad) for name, value in part.items()}}
+
+
 class Export(msgspec.Struct, frozen=True, kw_only=True):
     controller: FileName
     """Also the name of the folder that its files go into."""
@@ -416,7 +435,7 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
-    """What the first page of the report says of customer, machine and instruments; empty entries are left out there."""
+    """What the first page of the report says of customer, machine and instruments; an empty entry is "not stated" there."""
 
     customer: str = ""
     machine_serial: str = ""
@@ -451,6 +470,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     environment: Environment = Environment()
     solver: Solver = Solver()
     uncertainty: Uncertainty = Uncertainty()
+    tolerance: Tolerance = Tolerance()
     exports: tuple[Export, ...] = msgspec.field(name="export", default=())
     report: Certificate = Certificate()
     page: Page = Page()

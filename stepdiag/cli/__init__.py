@@ -13,6 +13,7 @@ MODULES = (
     "runs",
     "logs",
     "report",
+    "certificate",
     "control",
     "sign_test",
     "program",

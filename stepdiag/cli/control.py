@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
 from stepdiag.cli.completion import TABLES, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
 
-JUDGED_WRONG = 5
 """Exit code of ``verify`` for a file that must not be loaded (contract 5)."""
 ProfileFile = Annotated[Path | None, typer.Option(help="The machine's profile (TOML); `stepdiag profile C` writes one to fill in.")]
 OutFolder = Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")]
@@ -177,22 +177,33 @@ def import_(
 
 
 def verify(
-    result: Annotated[Path, typer.Argument(help="result.json")],
+    result: Annotated[Path, typer.Argument(help="result.json, or a certificate (FILE.xml)")],
     files: Annotated[list[Path] | None, typer.Argument(help="The files as they go to the control, or the folder of an export.")] = None,
     profile: ProfileFile = None,
     diagonal: Diagonals = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
+    custody: Annotated[
+        Path | None, typer.Option(help="Of a certificate: the folder of its logs, result and files; its own without it.")
+    ] = None,
+    key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
     compensation: Compensation = None,
     active: Active = None,
     active_date: ActiveDate = None,
     active_source: ActiveSource = "",
     as_json: AsJson = False,
 ) -> None:
-    """Judge compensation files and predict the error before and after.
+    """Judge compensation files, or compute a certificate again.
 
-    They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
+    Files are read as the control will read them, and the error before and after is predicted; exit code 5 where one of
+    their tables is wrong, beyond a limit, or makes the machine worse.
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
+    A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
     """
+    if result.suffix.lower() == ".xml":
+        verify_file(result, custody, key_certificate)
+        return
+    if custody is not None or key_certificate is not None:
+        raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.safety.verify import controller_for, verify_files

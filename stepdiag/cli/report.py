@@ -38,6 +38,9 @@ def report(
         Path | None, typer.Option("--as-left", help="The result of the survey after loading: predicted against measured.")
     ] = None,
     letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
+    laboratory: Annotated[
+        Path | None, typer.Option(help="Settings (TOML) as `certificate` takes them: number on every page, customer, item, who signs.")
+    ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF (needs chromium).")] = False,
     language: Annotated[str, typer.Option(help="en or de", autocompletion=languages)] = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Say what was written as JSON.")] = False,
@@ -48,9 +51,11 @@ def report(
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.readings import parse_readings
+    from stepdiag.daq.records.survey_folder import RESULT
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
+    from stepdiag.report.laboratory import read_laboratory, sha256_of
     from stepdiag.report.logs import logs_beside
     from stepdiag.report.output import write_report
 
@@ -67,6 +72,8 @@ def report(
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
         readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
         logs=logs_beside(result.parent),
+        laboratory=read_laboratory(laboratory).file,
+        sha256=sha256_of(result / RESULT if result.is_dir() else result),
         language=chosen,
     )
     written = write_report(built, out, pdf=pdf)
@@ -84,7 +91,7 @@ def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "
 
     require_alike(before, after)
     require_same_volume(before, after)
-    return as_left(after.source, conclude(after), _concluded(before, exported).reach)
+    return as_left(after.source, conclude(after), _concluded(before, exported).reach, after)
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":

@@ -80,6 +80,11 @@ def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readi
     return with_runs(readings, found, source)
 
 
+def files_of(runs: Sequence[str]) -> list[Path]:
+    """Return the files that the runs name. Raises UsageError for one that is written wrongly."""
+    return [_placed(option)[1] for option in runs]
+
+
 def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     """Return predicted against measured for each straight diagonal: the mean of its runs, less that of the first target."""
     import numpy as np

@@ -1,15 +1,15 @@
 """``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.cli.runs import Runs, with_files
+from stepdiag.cli.runs import Runs, files_of, with_files
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def solve(
     uncertainty: Annotated[
         Path | None, typer.Option(help="What is taken for granted about the machine (TOML, [uncertainty]); logs bring their own.")
     ] = None,
+    tolerance: Annotated[Path | None, typer.Option(help="What the machine is to keep (TOML, [tolerance]); logs bring their own.")] = None,
     run: Runs = None,
     monte_carlo: Annotated[int, typer.Option(help="Draw so many surveys (JCGM 101) and say how they scatter; 200000 are usual.")] = 0,
     as_json: AsJson = False,
@@ -63,6 +64,7 @@ def solve(
 
     Error functions, squareness and scale with their uncertainty, and what is not identified.
     """
+    from stepdiag.completion.readings_file import Beside, solve_readings_file, source_of
     from stepdiag.terminal.tables import result_table
 
     handed = active_files(active)
@@ -72,11 +74,18 @@ def solve(
         if uncertainty is not None and method in CLOSED:
             raise UsageError("--uncertainty", expected="--method estimate, which weighs what is assumed", found=method)
         _refuse_angles(angles, handed)
-        result = _solve_csv(sources[0], method, chain or CHAIN, Beside(angles, straightness, uncertainty), monte_carlo, run or ())
+        if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
+            raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
+        beside = Beside(
+            angles=angles, straightness=straightness, uncertainty=uncertainty, tolerance=tolerance,
+            runs=tuple(source_of("run", file) for file in files_of(run or ())),
+            add=partial(with_files, runs=run, source=sources[0].name) if run else None,
+        )  # fmt: skip
+        result = solve_readings_file(sources[0], beside, method=method, chain=chain or CHAIN, monte_carlo=monte_carlo)
     else:
         given = {
             "--chain": chain, "--angles": angles, "--straightness": straightness,
-            "--uncertainty": uncertainty, "--monte-carlo": monte_carlo, "--run": run,
+            "--uncertainty": uncertainty, "--tolerance": tolerance, "--monte-carlo": monte_carlo, "--run": run,
         }  # fmt: skip
         option = next((name for name, value in given.items() if value), None)
         if option is not None:
@@ -101,43 +110,6 @@ def concluded(result: "Result") -> list[str]:
     return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """The files that a readings file may be solved with."""
-
-    angles: Path | None
-    straightness: Path | None
-    uncertainty: Path | None
-
-
-def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo: int, runs: Sequence[str]) -> "Result":
-    from stepdiag.base.files import read_text
-    from stepdiag.base.readings.readings import in_mm, parse_readings
-    from stepdiag.daq.survey.assumed import parse_uncertainty
-    from stepdiag.solver.methods.solve import solve as solve_readings
-    from stepdiag.solver.model.angles import parse_angles
-    from stepdiag.solver.model.straightness_file import parse_straightness
-
-    if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
-        raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
-    known = parse_angles(read_text(beside.angles), beside.angles.name) if beside.angles is not None else None
-    straight = parse_straightness(read_text(beside.straightness), beside.straightness.name) if beside.straightness is not None else ()
-    assumed = parse_uncertainty(read_text(beside.uncertainty), beside.uncertainty.name) if beside.uncertainty is not None else None
-    readings = in_mm(parse_readings(read_text(path), path.name), path.name)
-    if runs:
-        readings = with_files(readings, runs, path.name)
-    return solve_readings(
-        readings,
-        chain=chain,
-        method=method,
-        angles=known,
-        straightness=straight,
-        assumed=assumed,
-        source=path.name,
-        monte_carlo=monte_carlo,
-    )
-
-
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
     """Raise UsageError for angles whose levers were compensated while measuring."""
     from stepdiag.exporters.safety.levers import left_out
@@ -151,13 +123,16 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
     """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
     from stepdiag.base.files import read_text
     from stepdiag.completion.completion import replay_judged, solve_logs
+    from stepdiag.completion.readings_file import source_of
     from stepdiag.daq.survey.environment import parse_environment
 
     for path in paths:
         if path.is_file() and ".mcap" not in path.suffixes:
             raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
-    stated = parse_environment(read_text(environment), environment.name) if environment is not None else None
-    return solve_logs(replay_judged(paths), method, stated)[0]
+    if environment is None:
+        return solve_logs(replay_judged(paths), method)[0]
+    result = solve_logs(replay_judged(paths), method, parse_environment(read_text(environment), environment.name))[0]
+    return replace(result, sources=(*(result.sources or ()), source_of("environment", environment)))
 
 
 def _write_result(out: Path, result: "Result") -> None:

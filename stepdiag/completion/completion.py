@@ -14,17 +14,19 @@ from typing import Literal
 
 import msgspec
 
+from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
 from stepdiag.base.messages import joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
-from stepdiag.base.result.members import AssumedConditions, Conditions, Facts
+from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
+from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
@@ -137,8 +139,9 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         *settled_findings(replayed.book, solved, stated=environment or {}),
     )
     described = replace(
-        result,
+        with_tolerance(result, survey.tolerance.by_quantity()),
         findings=findings,
+        sources=tuple(Source(role="log", name=log.path.name, sha256=digest(log.path)) for log in replayed.logs),
         survey=_facts(replayed),
         conditions=_conditions(replayed, environment or {}, unsaid),
         history=tuple(dict.fromkeys(replayed.findings)),

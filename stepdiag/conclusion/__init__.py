@@ -10,8 +10,10 @@ from stepdiag.conclusion.contributions import Contribution, contributions_of
 from stepdiag.conclusion.file import conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
 from stepdiag.conclusion.intervals import Reach, reach_of
 from stepdiag.conclusion.sentences import Sentence, render
+from stepdiag.conclusion.verdict import STATES, interval_of, judged_in, probability_words, quantity_words, verdict_words
 
 __all__ = [
+    "STATES",
     "Conclusion",
     "Contribution",
     "Export",
@@ -24,10 +26,15 @@ __all__ = [
     "contributions_of",
     "export_of",
     "harmed_in",
+    "interval_of",
+    "judged_in",
     "loadable",
+    "probability_words",
+    "quantity_words",
     "reach_of",
     "render",
     "taken_for_granted",
     "titles_of",
+    "verdict_words",
     "words_of",
 ]

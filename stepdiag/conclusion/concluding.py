@@ -14,6 +14,7 @@ from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
+from stepdiag.conclusion.verdict import judged_in, verdict_sentences
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.safety.verify import STRETCH
@@ -46,6 +47,8 @@ class Conclusion:
     reach: Reach | None
     """None where an axis did not travel: then nothing is stated about a volume."""
     reached: tuple[Sentence, ...]
+    verdict: tuple[Sentence, ...]
+    """By ISO 14253-1, as found and as predicted; none without a tolerance."""
     basis: tuple[Sentence, ...]
     load: tuple[Sentence, ...]
     next_step: Sentence
@@ -77,6 +80,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])),
         reach=reach,
         reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
+        verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)),
         next_step=_next_step(result, exports, counts),

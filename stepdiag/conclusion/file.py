@@ -13,7 +13,7 @@ from stepdiag.daq.records.survey_folder import CONCLUSION
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
-SECTIONS = ("reached", "wrong", "unknown", "load", "next_step", "basis")
+SECTIONS = ("reached", "verdict", "wrong", "unknown", "load", "next_step", "basis")
 """The order in which a conclusion is read."""
 
 
@@ -25,6 +25,7 @@ def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None 
         "wrong": [{**_contribution(one), **_words(sentence)} for one, sentence in conclusion.wrong],
         "unknown": [_words(one) for one in conclusion.unknown],
         "reached": [_words(one) for one in conclusion.reached],
+        **({"verdict": [_words(one) for one in conclusion.verdict]} if conclusion.verdict else {}),
         "basis": [_words(one) for one in conclusion.basis],
         "load": [_words(one) for one in conclusion.load],
         "next_step": [_words(conclusion.next_step)],
@@ -47,7 +48,7 @@ def titles_of(language: Language) -> dict[str, str]:
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
     """Return section -> sentences of a conclusion's JSON."""
-    # files of older programs hold no basis
+    # files of older programs hold no basis, those of surveys without a tolerance no verdict
     return {section: [sentence[language] for sentence in document.get(section, [])] for section in SECTIONS}
 
 
@@ -76,7 +77,7 @@ def _words(sentence: Sentence) -> dict[str, str]:
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: _rounded(item) for key, item in value.items() if key != "within" or item is not None}
     if isinstance(value, list | tuple):
         return [_rounded(item) for item in value]
     return steady(value, 4) if isinstance(value, float) else value

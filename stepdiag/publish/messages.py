@@ -83,6 +83,19 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     k: int
 
 
+class Judged(msgspec.Struct, frozen=True, kw_only=True):
+    """A figure beside its tolerance, as in the result (docs/uncertainty.md)."""
+
+    quantity: str
+    unit: str
+    tolerance: float
+    value: float | None
+    low: float | None
+    high: float | None
+    probability: float | None
+    verdict: Literal["conform", "not_conform", "not_decidable"]
+
+
 class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"):
     """The numbers of the last result; ``sha256`` is that of its file."""
 
@@ -93,6 +106,8 @@ class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="st
     software: str
     sha256: str
     rows: tuple[Row, ...]
+    conformity: tuple[Judged, ...] = ()
+    """Every figure that has a tolerance, as found; none without one."""
 
 
 Message = Online | State | Findings | ResultMessage
@@ -182,6 +197,7 @@ class Watched:
         facts = result.survey or Facts()
         findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)
         rows = tuple(msgspec.convert(asdict(row), Row) for row in rows_of(result))
+        judged = () if result.conformity is None else result.conformity.as_found
         published = ResultMessage(
             machine=self._machine,
             survey=self._name,
@@ -192,6 +208,7 @@ class Watched:
             software=result.software.version,
             sha256=digest,
             rows=rows,
+            conformity=tuple(msgspec.convert(asdict(one), Judged) for one in judged),
         )
         return Findings(machine=self._machine, survey=self._name, round=round_, findings=findings), published
 

@@ -19,6 +19,7 @@ import structlog
 from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
+from stepdiag.base.conformity import together
 from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.gate import Doors, GatedLoop
@@ -46,6 +47,8 @@ UNKNOWN = -1
 MOST_HANDLES = 1000
 _MINUTE = "%Y-%m-%d %H:%M UTC"
 
+EVALUATED = {"": "Undefined", "conform": "OK", "not_conform": "NotOK", "not_decidable": "NotDecidable"}
+"""The verdict about a machine as OPC 40001-101 names it."""
 _log = structlog.get_logger("publish")
 
 
@@ -248,9 +251,10 @@ class Station:
             _log.info("opcua-result", result=name)
 
     def _meta(self, name: str, findings: Findings, published: ResultMessage) -> Any:
-        """Return the meta data: the part is the machine, the job the survey. A calibration has no tolerance: it is not judged OK or not."""
+        """Return the meta data: the part is the machine, the job the survey. A calibration without a tolerance is not judged OK or not."""
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
-        evaluation = self._model.evaluation.NotDecidable if wrong else self._model.evaluation.Undefined
+        verdict = "not_decidable" if wrong else together(one.verdict for one in published.conformity) if published.conformity else ""
+        evaluation = getattr(self._model.evaluation, EVALUATED[verdict])
         begun, ended = _moment(published.begun), _moment(published.ended)
         times = self._model.times(StartTime=begun, EndTime=ended) if begun and ended else None
         details = ua.LocalizedText(", ".join(wrong)) if wrong else None

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-from stepdiag.base.result.result import Quantity, Result
+from stepdiag.base.result.result import Result
 from stepdiag.conclusion import Conclusion
 from stepdiag.report import certificate
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.document import Report, localised_document, page_parts, template
 from stepdiag.report.exported import Exported
-from stepdiag.report.sections import Table, shown
+from stepdiag.report.sections import Table
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue
 
@@ -27,7 +27,7 @@ def build_as_left(
     words = {**catalogue("common", language), **catalogue("report", language)}
     html = template("as_left.html").render(
         **page_parts(), language=language, words=words, source=before.source, result=after, left=left, exported=exported,
-        facts=certificate.facts_table(after, words), effect=certificate.effect_table(concluded, left, words),
+        facts=certificate.facts_table(after, words), effect=certificate.effect_table(before, concluded.reach, left, words, language),
         changes=_changes(before, after, words), letterhead=letterhead or Letterhead(),
         shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
@@ -36,9 +36,5 @@ def build_as_left(
 
 def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
     """Return squareness and scale before and after, each with its U (k = 2)."""
-    rows = [(name, _with_u(q), _with_u(after.squareness[name]), "µrad") for name, q in before.squareness.items()]
+    rows = [(name, certificate.with_u(q), certificate.with_u(after.squareness[name]), "µrad") for name, q in before.squareness.items()]
     return Table(header=(words["name"], words["as_found"], words["as_left"], words["unit"]), rows=rows)
-
-
-def _with_u(found: Quantity) -> str:
-    return shown(found.value, 2) if found.u is None or found.value is None else f"{shown(found.value, 2)} ± {shown(2 * found.u, 2)}"

@@ -1,8 +1,8 @@
 """The first page of the report: who, what, when, with what and by which convention, and the volume as found, predicted and as left."""
 
 import base64
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,17 +10,22 @@ from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
 from stepdiag.base.result.interval import Interval
-from stepdiag.base.result.members import Facts
-from stepdiag.base.result.result import Result
+from stepdiag.base.result.members import Facts, Judged
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.base.settings import read_toml
-from stepdiag.conclusion import Conclusion, Reach
+from stepdiag.conclusion import Conclusion, Reach, interval_of, judged_in, probability_words, quantity_words, verdict_words
+from stepdiag.report.drawings.figures import UNITS
+from stepdiag.report.laboratory import Equipment, Laboratory, Person
 from stepdiag.report.sections import Table, shown
+from stepdiag.texts import Language
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
     "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event",
 )  # fmt: skip
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
+DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instrument_serial", "instrument_certificate", "sensors"}
+"""Entries that a customer expects: "not stated" where nobody states them."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGEST_LOGO_BYTES = 500_000
 Gain = Literal["better", "same", "worse", "unsure"]
@@ -68,11 +73,13 @@ def _compensation(result: Result, words: Mapping[str, str]) -> str:
     return "; ".join([state, *(f"{file.name} ({file.source}, {file.date}) SHA-256 {file.sha256}" for file in statement.files)])
 
 
-def facts_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return who measured what, when and with what; what the survey does not say is left out."""
-    known = result.survey or Facts()
+def facts_table(result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None) -> Table:
+    """Return who measured what, when and with what; an entry of `DUE` that neither survey nor laboratory states is "not stated"."""
+    known = _known(result.survey or Facts(), laboratory or Laboratory())
     shadowed = {"date"} if known.begun else set()
-    rows = [(words[name], _fact(value)) for name in FACTS if (value := getattr(known, name)) and name not in shadowed]
+    missing = words["compensation_unstated"]
+    entries = ((name, getattr(known, name)) for name in FACTS if name not in shadowed)
+    rows = [(words[name], _fact(value) if value else missing) for name, value in entries if value or name in DUE]
     rows.append((words["compensation"], _compensation(result, words)))
     reduced = known.at_20_c if result.lengths is None else result.lengths.tables == "at_20_c"
     rows.append((words["reference_temperature"], words["at_20_c" if reduced else "as_measured"]))
@@ -81,21 +88,84 @@ def facts_table(result: Result, words: Mapping[str, str]) -> Table:
     return Table(header=(), rows=rows)
 
 
+def _known(facts: Facts, laboratory: Laboratory) -> Facts:
+    """Return the facts of a survey, what is missing from the laboratory's file."""
+    laser = laboratory.equipment[0] if laboratory.equipment else Equipment(name="")
+    return replace(
+        facts,
+        customer=facts.customer or laboratory.customer.name,
+        machine=facts.machine or laboratory.item.name,
+        machine_serial=facts.machine_serial or laboratory.item.serial,
+        instrument=facts.instrument or laser.name,
+        instrument_serial=facts.instrument_serial or laser.serial,
+        instrument_certificate=facts.instrument_certificate or laser.certificate,
+        sensors=facts.sensors or ", ".join(f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:]),
+    )
+
+
+def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table:
+    """Return a row for every person who signs, with room for date and signature."""
+    persons = (laboratory.person if laboratory is not None else ()) or (Person(),)
+    missing = words["compensation_unstated"]
+    rows = [(one.name or missing, one.role or missing, "", "") for one in persons]
+    return Table(header=(words["person"], words["role"], words["date"], words["signature"]), rows=rows)
+
+
 def _fact(value: object) -> str:
     """Return a fact as it was stated: a wavelength keeps its six digits."""
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
-def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table | None:
-    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2; None where no volume was surveyed."""
-    reach = conclusion.reach
-    if reach is None:
-        return None
-    rows = [(words["as_found"], interval_words(reach.rms_before), bound_words(reach.largest_before))]
-    rows.append((words["predicted"], interval_words(reach.rms_after), bound_words(reach.largest_after)))
-    left = (interval_words(as_left.rms), bound_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
-    rows.append((words["as_left"], *left))
-    return Table(header=(words["field"], f"{words['rms']} / µm", f"{words['maximum']} / µm"), rows=rows)
+def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", words: Mapping[str, str], language: Language) -> Table | None:
+    """Return every figure as found, predicted, as left and, where a tolerance is stated, that with the verdict, at k = 2.
+
+    None where no volume was surveyed and no tolerance is stated.
+    """
+    conformity, tolerance = judged_in(result, reach), result.tolerance or {}
+    now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
+    later = {one.quantity: one for one in (() if left is None else left.judged)}
+    none, waiting = shown(None), words["not_yet"] if left is None else shown(None)
+    rows: list[tuple[str, ...]] = []
+
+    def row(name: str, quantity: str, cells: tuple[str, str, str]) -> None:
+        judged = [_verdict(one, language) for one in (now.get(quantity), later.get(quantity)) if one is not None]
+        limit = f"{now[quantity].tolerance:g}" if quantity in now else none
+        rows.append((name, *cells, *((limit, " / ".join(judged) or none) if tolerance else ())))
+
+    if reach is not None:
+        figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
+        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words, waiting))
+        figures = (reach.largest_before, reach.largest_after, None if left is None else left.largest)
+        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words, waiting))
+    for name, number in result.squareness.items() if rows or tolerance else ():
+        after = waiting if left is None or name not in left.squareness else with_u(left.squareness[name])
+        row(f"{name} / µrad", name, (with_u(number), none, after))
+    for quantity, one in now.items():
+        if quantity not in result.squareness and not quantity.startswith("volumetric"):
+            after = waiting if quantity not in later else _between(later[quantity])
+            row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), none, after))
+    header = (words["name"], words["as_found"], words["predicted"], words["as_left"])
+    return Table(header=(*header, *((words["tolerance"], words["verdict"]) if tolerance else ())), rows=rows) if rows else None
+
+
+def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str], waiting: str) -> tuple[str, str, str]:
+    before, after, later = figures
+    return form(before), form(after), waiting if later is None else form(later)
+
+
+def _verdict(one: Judged, language: Language) -> str:
+    """Return the verdict with the probability of conformity."""
+    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)} %)")
+
+
+def _between(one: Judged) -> str:
+    low, high = interval_of(one)
+    return f"{low} … {high}" if low else shown(None)
+
+
+def with_u(number: Quantity) -> str:
+    """Return a number with its expanded uncertainty."""
+    return shown(number.value, 2) if number.u is None or number.value is None else f"{shown(number.value, 2)} ± {shown(2 * number.u, 2)}"
 
 
 def interval_words(found: Interval | None) -> str:
@@ -123,10 +193,14 @@ class AsLeft:
     """Whether the measured rms lies within what was predicted, both with their U; None where one of them has none."""
     gain: Gain = "unsure"
     """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
+    squareness: Mapping[str, Quantity] = field(default_factory=dict)
+    judged: tuple[Judged, ...] = ()
 
 
-def as_left(source: str, again: Conclusion, found: Reach | None) -> AsLeft:
+def as_left(source: str, again: Conclusion, found: Reach | None, after: Result | None = None) -> AsLeft:
     """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained.
+
+    ``after`` is the result of that survey, for its squareness and its verdicts.
 
     Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
     """
@@ -137,7 +211,11 @@ def as_left(source: str, again: Conclusion, found: Reach | None) -> AsLeft:
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}
     kept = None if order is None else order == 0
-    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
+    judged = () if after is None or after.conformity is None else after.conformity.as_found
+    return AsLeft(
+        source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)],
+        squareness={} if after is None else after.squareness, judged=judged,
+    )  # fmt: skip
 
 
 def _beside(one: Interval, other: Interval) -> int | None:

@@ -13,17 +13,17 @@ import jinja2
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.members import StandardFigures
 from stepdiag.base.result.result import Result
-from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
+from stepdiag.conclusion import STATES, Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.drawings.figure import Figure, data_link
 from stepdiag.report.drawings.figures import (
-    budget_figures,
     closure_figures,
     field_figures,
     function_figures,
 )
 from stepdiag.report.exported import Exported
+from stepdiag.report.laboratory import Laboratory
 from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
@@ -54,9 +54,13 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     letterhead: Letterhead | None = None,
     left: AsLeft | None = None,
     logs: Sequence[Recorded] = (),
+    laboratory: Laboratory | None = None,
+    sha256: str = "",
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on.
+    """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on, ``laboratory`` is who
+    hands it over: the number of the certificate on every page, and who signs. ``sha256`` is that
+    of the result's file, by default of the result as it is written today.
 
     With the readings it also shows what was measured. The prediction is drawn for the first export
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
@@ -70,12 +74,15 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "field": field_figures(result, correction, words) if result.volume.solid else [],
         "measured": measured.setup_figures(layout, words) if layout is not None else [],
         "closure": closure_figures(result, words),
-        "budget": budget_figures(result.budget, _units(result), language),
     }
     standards = _standards(result, layout, readings)
+    digest = sha256 or hashlib.sha256(result.to_json().encode()).hexdigest()
+    number = "" if laboratory is None else laboratory.certificate.number
     tables = {
-        "facts": certificate.facts_table(result, words),
-        "effect": certificate.effect_table(known, left, words),
+        "facts": certificate.facts_table(result, words, laboratory),
+        "effect": certificate.effect_table(result, known.reach, left, words, language),
+        "budget": sections.budget_table(result, _units(result), words, language),
+        "signatures": certificate.signatures(laboratory, words),
         "machine": sections.machine_table(result, words),
         "conditions": sections.conditions_table(result, readings, words),
         "setups": sections.setups_table(result, words),
@@ -93,12 +100,20 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "recordings": logs_table(logs, words),
     }
     html = template("template.html").render(
-        **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
+        **page_parts(number), number=number, digest=digest,
+        **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
+        concluded=_said_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
+        predicted=correction is not None, chi=sections.chi_square_words(result, words),
         letterhead=letterhead or Letterhead(), left=left, shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
+
+
+def _said_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
+    """Return the conclusion without the verdicts about single figures, which stand in the table above it."""
+    firsts = tuple(catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES)
+    return {**concluded, "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)]}
 
 
 def localised_document(html: str, language: Language) -> str:
@@ -115,10 +130,19 @@ def _standards(result: Result, layout: Layout | None, readings: Readings | None)
     return standard_figures.standards_report(layout, at_their_temperature(readings, None, "readings"))
 
 
-def page_parts() -> dict[str, str]:
-    """Return the document's one style sheet and one script, and the hashes by which its own policy admits them."""
-    style, script = _part("report.css"), _part("report.js")
+def page_parts(number: str = "") -> dict[str, str]:
+    """Return the document's one style sheet and one script, and the hashes by which its own policy admits them.
+
+    ``number`` of the certificate stands at the head of every printed page.
+    """
+    head = f"@page {{ @top-left {{ content: '{_css_text(number)}'; font: 8pt sans-serif; }} }}\n" if number else ""
+    style, script = _part("report.css") + head, _part("report.js")
     return {"style": style, "style_hash": _source_hash(style), "script": script, "script_hash": _source_hash(script)}
+
+
+def _css_text(text: str) -> str:
+    """Return a text as a string of CSS can hold it: everything but letters and digits as its number."""
+    return "".join(each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text)
 
 
 def _units(result: Result) -> dict[str, str]:

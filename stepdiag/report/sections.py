@@ -14,8 +14,10 @@ from stepdiag.base.result.interval import decimals_of
 from stepdiag.base.result.members import Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
+from stepdiag.report.drawings.figures import UNITS
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
+from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
@@ -249,6 +251,15 @@ def fit_table(result: Result) -> Table | None:
     return Table(header=(), rows=rows) if rows else None
 
 
+def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
+    """Return chi-square beside its degrees of freedom and what it is for a model that holds; empty where the result does not state both."""
+    fit = result.fit
+    if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
+        return ""
+    free = fit.degrees_of_freedom
+    return words["chi_square_lead"].format(found=f"{fit.chi_square:.0f}", free=free, scatter=f"{2.0 * (2.0 * free) ** 0.5:.0f}")
+
+
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
     """Return in words everything that the data do not say: functions, squarenesses, scales."""
     functions = [f"{name}" for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is None]
@@ -289,6 +300,19 @@ def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
 def _size(um: float | None) -> str:
     """Return a size with the digits that the conclusion gives it."""
     return shown(um, None if um is None else decimals_of(um))
+
+
+def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, str], language: Language) -> Table | None:
+    """Return U (k = 2) of every quantity and its three largest sources in percent of the square of U; None without a budget."""
+    rows = []
+    for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
+        total = sum(share**2 for share in sources.values())
+        largest = sorted(sources.items(), key=lambda item: (-item[1], item[0]))[:3]
+        named = [f"{translated(source, language)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
+        unit = units.get(quantity) or units.get(quantity.split()[-1], "")
+        title = translated(f"scale of {quantity}" if quantity in AXIS_LETTERS else quantity, language)
+        rows.append((title, f"{shown(COVERAGE * total**0.5, 2)} {UNITS.get(unit, unit)}", *named, *[""] * (3 - len(named))))
+    return Table(header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))), rows=rows[:MOST_ROWS]) if rows else None
 
 
 def assumptions_table(result: Result) -> Table | None:

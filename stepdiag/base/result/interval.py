@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from stepdiag.base.result.typed import Named
+from stepdiag.base.result.typed import Maybe, Named
 
 When = Literal["before", "after"]
 """Before and after compensation."""
@@ -12,11 +12,15 @@ When = Literal["before", "after"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a result of version 1)."""
+    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a result of version 1).
+
+    ``within`` is the probability that the figure is at most its tolerance (JCGM 106), None without a tolerance.
+    """
 
     value_um: Annotated[float, Named("value")]
     low_um: Annotated[float | None, Named("low")] = None
     high_um: Annotated[float | None, Named("high")] = None
+    within: Maybe[float] = None
 
     def shown(self) -> tuple[str, str]:
         """Return low and high as written everywhere, rounded outwards so that rounding never promises more; empty where unknown."""

@@ -12,6 +12,8 @@ from stepdiag.base.volume import Vector
 Axis = Literal["X", "Y", "Z"]
 Lengths = Literal["as_measured", "at_20_c"]
 OptionalText = Annotated[str, OPTIONAL]
+Verdict = Literal["conform", "not_conform", "not_decidable"]
+"""A verdict by ISO 14253-1."""
 Range = tuple[float, float]
 """Least and largest value."""
 Triple = tuple[float, float, float]
@@ -38,6 +40,18 @@ class ActiveFile:
     sha256: str
     date: str
     source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A file that the result was solved from: what it is for, its name, and its SHA-256; of a log that of all it says, packed or not.
+
+    ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A damaged log has no hash.
+    """
+
+    role: str
+    name: str
+    sha256: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +101,31 @@ class Conditions:
     relative_humidity_percent: Maybe[Range] = None
     material_temperature_c: Maybe[Range] = None
     assumed: Maybe[AssumedConditions] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """A figure beside its tolerance (`base.conformity`): ends of its coverage interval (k = 2), probability of conformity and verdict.
+
+    ``tolerance`` limits the magnitude. What is not identified is None, and not decidable.
+    """
+
+    quantity: str
+    unit: Literal["um", "urad"]
+    tolerance: float
+    value: float | None
+    low: float | None
+    high: float | None
+    probability: float | None
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conformity:
+    """Every figure with a tolerance, as found; and the figures of the volume as predicted after an ideal compensation."""
+
+    as_found: tuple[Judged, ...]
+    predicted: tuple[Judged, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ holds 97 % of them: all but what lies beyond k = 2 above, and less below (`BELOW
 page, compare and plan.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
 from stepdiag.base.volume import Vector
 
 DRAWS, FOR_LARGEST = 2000, 250
+VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um"
+"""Their tolerances, by name (`Result.tolerance`)."""
 TAIL = 0.02275
 """Share beyond k = 2 on either side."""
 BELOW = 0.005
@@ -32,32 +35,41 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
     """
     motions = rigid_motions(result.volume, points_mm)
-    return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um)
+    return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um, result.tolerance or {})
 
 
 def predicted_with_u(result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float]:
     """Return what `predicted` does, and the root mean square over the volume of the error vector's standard uncertainty, rigid motion
     removed. ``posterior`` is that of the result."""
     machines, motions = _machines(result, points_mm, 0.0, DRAWS), rigid_motions(result.volume, points_mm)
-    return _predicted(machines, motions, correction_um), _volumetric_u_um(posterior, machines.moved, motions)
+    return _predicted(machines, motions, correction_um, result.tolerance or {}), _volumetric_u_um(posterior, machines.moved, motions)
 
 
-def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector) -> Predicted:
+def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector, tolerance: Mapping[str, float]) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
     waves_um = machines.between.drawn_um(FOR_LARGEST)
     parts: dict[str, dict[When, FieldFigures]] = {}
-    for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2)):
+    none: Mapping[str, float] = {}
+    for name, free, square_um2, allowed in (
+        ("as_it_is", None, moved_um2, none),
+        ("without_rigid_motion", motions, moved_um2 - rigid_um2, tolerance),
+    ):
         fields = machines.drawn(correction_um, free)
         # the same before and after: only the field that they are drawn around differs
         beside_um = machines.beside_um(fields["before"], waves_um)
-        parts[name] = {when: machines.figures(drawn, square_um2, beside_um) for when, drawn in fields.items()}
+        parts[name] = {when: machines.figures(drawn, square_um2, beside_um, allowed) for when, drawn in fields.items()}
     return Predicted(**parts)
 
 
-def interval_of(drawn: Vector, known: bool) -> Interval:
-    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper."""
+def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interval:
+    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper.
+
+    ``most`` is a tolerance: the share of draws that does not exceed it stands beside them.
+    """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
-    return Interval(value_um=value, low_um=low, high_um=high) if known else Interval(value_um=value)
+    if not known:
+        return Interval(value_um=value)
+    return Interval(value_um=value, low_um=low, high_um=high, within=None if most is None else float(np.mean(drawn <= most)))
 
 
 def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
@@ -126,12 +138,15 @@ class _Machines(NamedTuple):
         moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
         return moved if waves_um is None else moved + waves_um
 
-    def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector) -> FieldFigures:
+    def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]) -> FieldFigures:
         """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move,
         ``beside_um`` what `beside_um` says."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
-        return FieldFigures(rms_um=interval_of(rms_um, self.known), largest_um=interval_of(largest_um, self.known))
+        return FieldFigures(
+            rms_um=interval_of(rms_um, self.known, tolerance.get(VOLUMETRIC_RMS)),
+            largest_um=interval_of(largest_um, self.known, tolerance.get(VOLUMETRIC_LARGEST)),
+        )
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
         """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.

@@ -22,6 +22,7 @@ from stepdiag.base.result.members import (
     Budget,
     Closure,
     Conditions,
+    Conformity,
     CoverageFactor,
     Facts,
     Fit,
@@ -31,6 +32,7 @@ from stepdiag.base.result.members import (
     MonteCarlo,
     SetupReport,
     Software,
+    Source,
     StandardFigures,
     Tool,
     UnseenSlips,
@@ -148,6 +150,11 @@ class Result:
     """Factors for 95 % by function or number, where that is not about 2."""
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
+    sources: tuple[Source, ...] | None = None
+    """What it was solved from."""
+    tolerance: dict[str, float] | None = None
+    """The largest magnitudes allowed, by quantity (`base.conformity`)."""
+    conformity: Conformity | None = None
     source: str = "result"
 
     def to_json(self) -> str:

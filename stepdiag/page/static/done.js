@@ -8,7 +8,7 @@ import { common, language, say, shown } from "./words.js";
 
 const FUNCTIONS = ["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"];
 const UNITS = { um: "µm", urad: "µrad", "um/m": "µm/m" };
-const SECTIONS = ["wrong", "unknown", "load", "basis"];
+const SECTIONS = ["verdict", "wrong", "unknown", "load", "basis"];
 
 let state = "";
 let next = null;

@@ -169,19 +169,3 @@ def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: s
     if len(series) > 1:
         content += _legend(series)
     return svg.drawing(WIDTH, HEIGHT, label, *content)
-
-
-def bar_chart(bars: Sequence[tuple[str, float]], *, label: str, unit: str) -> str:
-    """Return horizontal bars from zero, longest first as given, each with its name and value; a bar too short to be seen is left out."""
-    row, left, reach = 20.0, 190.0, 180.0
-    longest = max((abs(value) for _, value in bars), default=0.0) or 1.0
-    drawn = [(name, value) for name, value in bars if abs(value) >= SEEN * longest] or bars[:1]
-    content = []
-    for index, (name, value) in enumerate(drawn):
-        top = index * row + 4
-        length = reach * abs(value) / longest
-        content.append(svg.text(name, left - 8, top + 11, class_="axis", text_anchor="end"))
-        content.append(svg.element("rect", x=left, y=top, width=length, height=row - 7, class_="bar s0"))
-        content.append(svg.text(f"{value:.3g} {unit}", left + length + 5, top + 11, class_="tick"))
-        content.append(svg.titled(f"{name}: {value:.4g} {unit}", "rect", x=0.0, y=top, width=WIDTH, height=row - 4))
-    return svg.drawing(WIDTH, row * len(drawn) + 6, label, *content)

@@ -1,4 +1,4 @@
-"""The figures of the report, each from a result: error functions, error field, uncertainty budget."""
+"""The figures of the report, each from a result: error functions, error field, closure."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,14 +7,11 @@ import numpy as np
 
 from stepdiag.base.names import AXES
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
-from stepdiag.base.result.members import Budget
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
-from stepdiag.texts.sentences import translated
-from stepdiag.texts.texts import Language
 
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
@@ -77,8 +74,8 @@ def field_figures(result: Result, correction: Correction | None, words: dict[str
         drawing = space.field_drawing(result.volume, errors, longest_um=longest, label=title)
         header = ["x_mm", "y_mm", "z_mm", "dx_um", "dy_um", "dz_um"]
         table = csv_table(header, np.column_stack([points, errors]).tolist())
-        (x, y, z), worst = slices.worst_point(result.volume, errors)
-        where = words["worst"].format(um=f"{worst:.1f}", x=f"{x:.0f}", y=f"{y:.0f}", z=f"{z:.0f}")
+        (x, y, z), _ = slices.worst_point(result.volume, errors)
+        where = words["worst"].format(x=f"{x:.0f}", y=f"{y:.0f}", z=f"{z:.0f}")
         factor = f"{space.magnification(result.volume, longest):.0f}"
         caption = f"{title}: {where}; {words['magnified'].format(factor=factor)}"
         figures.append(Figure(name=name, title=caption, drawing=drawing, table=table))
@@ -97,23 +94,6 @@ def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
     drawing = charts.line_chart(lines, label=words["closure"], x_label=words["node"], y_label="µm")
     rows = [(line.label, int(node), value) for line in lines for node, value in zip(line.x, line.y.tolist(), strict=True)]
     return [Figure(name="closure", title=words["closure"], drawing=drawing, table=csv_table(["axis", "node", "closure_um"], rows))]
-
-
-def budget_figures(budget: Budget | None, units: dict[str, str], language: Language) -> list[Figure]:
-    """Return one bar chart a quantity: its standard uncertainty by source, largest first. Tables keep the sources' own names."""
-    figures = []
-    for quantity, sources in ({} if budget is None else budget.shares).items():
-        bars = sorted(sources.items(), key=lambda item: (-item[1], item[0]))
-        unit = units.get(quantity) or units.get(quantity.split()[-1], "")
-        title = translated(f"scale of {quantity}" if quantity.lower() in AXES else quantity, language)
-        named = [(translated(source, language), u) for source, u in bars]
-        drawing = charts.bar_chart(named, label=title, unit=UNITS.get(unit, unit))
-        figures.append(
-            Figure(
-                name="-".join(["budget", *quantity.split()]), title=title, drawing=drawing, table=csv_table(["source", f"u_{unit}"], bars)
-            )
-        )
-    return figures
 
 
 def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:

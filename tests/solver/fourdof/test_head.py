@@ -161,13 +161,16 @@ def test_sample_without_usable_light_is_named_and_empty(channels, code, words):
 
 
 @pytest.mark.parametrize(
-    ("shifts", "words"),
-    [([1310.0, 0, 0, 0, 0, 0], "straightness beyond +-650 um"), ([0, 0, 0, 0, 0, 1800.0], "angle beyond +-600 arc-seconds")],
+    ("shifts", "key", "words"),
+    [
+        ([1310.0, 0, 0, 0, 0, 0], "straightness", "straightness beyond +-650 um"),
+        ([0, 0, 0, 0, 0, 1800.0], "angle", "angle beyond +-600 arc-seconds"),
+    ],
 )
-def test_motion_beyond_the_published_range_is_said(shifts, words):
+def test_motion_beyond_the_published_range_is_reported(shifts, key, words):
     """Feng 2008, abstract: calibrated over +-650 um and +-600 arc-seconds."""
     found = motion(channels_of(shifts), [0.0], head())
-    assert [finding.key for finding in found.findings] == ["fourdof-out-of-range"]
+    assert [finding.key for finding in found.findings] == [f"fourdof-out-of-range.{key}"]
     assert found.findings[0].text.startswith(words)
     assert not found.usable[0]
 

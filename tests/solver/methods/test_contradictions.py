@@ -58,7 +58,7 @@ def test_a_count_that_slipped_once_is_repaired_and_named():
     assert not {"unidentified.squareness", "unidentified.function"} & {each.key for each in findings}
 
 
-@pytest.mark.parametrize(("u_um", "codes"), [(9.0, set()), (12.0, {"noise-high.far"})])
+@pytest.mark.parametrize(("u_um", "codes"), [(9.0, set()), (12.0, {"noise-high.reading"})])
 def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_setup(u_um, codes):
     """They contradict nothing: their scatter is as they say themselves, and nothing can be concluded from them."""
     clean = survey()

@@ -64,7 +64,7 @@ def test_the_axis_is_measured_and_everything_else_is_null_and_named():
     for name in set(DISPLACEMENTS) - {"EXX"}:
         assert result.errors[name].value is None
     assert all(quantity.value is None for quantity in result.squareness.values())
-    (finding,) = (each for each in result.findings if each.key == "unidentified.function")
+    (finding,) = (each for each in result.findings if each.key == "unidentified.standing")
     assert finding.severity == "info"
     assert "Y and Z did not travel" in finding.text
     assert all(name in finding.text for name in ("EYX", "EZZ", "C0Y", "the scale of Z"))

@@ -59,7 +59,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--out": ["--out", "new.json"], "--method": ["--method", "least-squares"], "--chain": ["--chain", "XFYZ"],
             "--angles": ["--angles", "angles.csv"], "--straightness": ["--straightness", "bow.csv"],
             "--environment": ["--environment", "air.toml"], "--uncertainty": ["--uncertainty", "uncertainty.toml"],
-            "--run": ["--run", "none.rtl"], "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
+            "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"],
+            "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
         },
     ),
     "plan": (
@@ -78,7 +79,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
         },
     ),
     "compare": (
@@ -93,7 +94,14 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
             "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
-            "--language": ["--language", "de"], "--json": ["--json"],
+            "--laboratory": ["--laboratory", "laboratory.toml"], "--language": ["--language", "de"], "--json": ["--json"],
+        },
+    ),
+    "certificate": (
+        ["certificate", "result.json", "--laboratory", "laboratory.toml", "--out", "c.xml"],
+        {
+            "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
+            "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
         },
     ),
     "import": (
@@ -311,6 +319,9 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "air.toml": "[environment]\nair_temperature_c = 25.0\n",
         "uncertainty.toml": SECTION,
         "active.ini": "",
+        "laboratory.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n",
+        "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
+        "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
         "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
         "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),
@@ -426,7 +437,7 @@ def test_the_same_call_makes_the_same(name, shop):
 @pytest.mark.parametrize(
     "given",
     [("--angles", "angles.csv"), ("--chain", "XFYZ"), ("--straightness", "bow.csv"), ("--uncertainty", "uncertainty.toml"),
-     ("--monte-carlo", "1000"), ("--run", "none.rtl")],
+     ("--tolerance", "tolerance.toml"), ("--monte-carlo", "1000"), ("--run", "none.rtl")],
 )  # fmt: skip
 def test_logs_take_no_option_of_readings(given, shop):
     """Angles beside logs were read by nobody: 3.5 um of uncertainty where they give 1.7."""

@@ -37,7 +37,7 @@ class TestSolve:
         assert cells(told.out, "scale X") == ["scale X", "-", "-", "um/m", "NO"]
         assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
         assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), "the mirror's tilt in mrad"
-        assert "WARNING scale-unidentified" in told.out
+        assert "WARNING unidentified" in told.out
 
     def test_for_programs_it_prints_the_bytes_that_it_writes(self, tmp_path):
         told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--json")

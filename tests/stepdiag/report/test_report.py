@@ -2,6 +2,7 @@
 
 import base64
 import csv
+import hashlib
 import io
 import re
 from dataclasses import replace
@@ -15,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stepdiag.base.compensation import Statement, stated
+from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.readings.readings import Readings, parse_readings
@@ -24,9 +26,10 @@ from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import require_alike
+from stepdiag.conclusion import conclude
 from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.records.events import Chunk
-from stepdiag.report.certificate import facts_table, read_letterhead
+from stepdiag.report.certificate import as_left, effect_table, facts_table, read_letterhead
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings import svg
 from stepdiag.report.drawings.charts import ticks
@@ -34,15 +37,17 @@ from stepdiag.report.drawings.figure import Figure
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
+from stepdiag.report.laboratory import Equipment, Head, Laboratory, Person, Place
 from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.output import write_report
-from stepdiag.report.sections import conditions_table
+from stepdiag.report.sections import budget_table, conditions_table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped
 from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.exact.members import members
+from testkit.exact.surveys import solved
 from testkit.recording import START_NS, write_log
 
 
@@ -148,12 +153,10 @@ KINDS = (sloped, shape, reversal, backlash)
 
 
 def drawn_points(figure: Figure) -> int:
-    """Return how many values the CSV of a figure has in its drawing: slices draw three of five layers, a bar no length that is not seen."""
+    """Return how many values the CSV of a figure has in its drawing: slices draw three of five layers."""
     rows = list(csv.DictReader(io.StringIO(figure.table)))
     if figure.name.endswith("-slices"):
         return len(rows) * 3 // LATTICE
-    if figure.name.startswith("budget-"):
-        return figure.drawing.count('class="bar')
     return max(len(rows), figure.drawing.count('class="dot'))
 
 
@@ -161,12 +164,11 @@ def drawn_points(figure: Figure) -> int:
 def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
     result, readings = golden()
-    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS))}}
-    result = replace(result, **members(budget=budget, closure_um={"x": [0.0, 1.0, 2.0]}))
+    result = replace(result, **members(closure_um={"x": [0.0, 1.0, 2.0]}))
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
     report = build_report(result, source="r", readings=readings, exported=exported, language=language)
     kinds = {one.name.split("-")[0] for one in report.figures}
-    assert {"EXX", "field", "setup", "closure", "budget"} <= kinds
+    assert {"EXX", "field", "setup", "closure"} <= kinds
     shown = re.findall(r'<figure id="figure-([^"]+)">(.*?)</figure>', report.html, re.DOTALL)
     figures = {one.name: one for one in report.figures}
     assert sorted(name for name, _ in shown) == sorted(figures)
@@ -182,13 +184,70 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     referred = re.findall(r'\s(?:href="#|aria-(?:labelledby|describedby|controls)="|for=")([^"]*)"', report.html)
     assert set(" ".join(referred).split()) <= set(ids)
     told = next(markup for name, markup in shown if name == "EYX")
-    titles = [one.title for one in report.figures if one.name.startswith("budget-")]
-    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
-    assert len(titles) == 3 + len(KINDS)
-    units = [re.search(r">[0-9.,]+ ([^<]*)<", one.drawing).group(1) for one in report.figures if one.name.startswith("budget-")]
-    assert sorted(units) == sorted(["µm"] * (2 + len(KINDS)) + ["µm/m"])
-    assert english & set(titles) == (english if language == "en" else set())
     assert ("± 0," in told or "± 1," in told) == (language == "de")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_budget_is_one_table_of_three_largest_sources(language: Language) -> None:
+    """U is twice the root of the sum of squares; each source stands with its share of the square of U."""
+    sources = {"reading": 0.4, "air": 0.3, "drift": 0.1, "wander": 0.05}
+    budget = {"shares": dict.fromkeys(("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources)}
+    result = replace(made_up_result(), **members(budget=budget))
+    words = {**catalogue("common", language), **catalogue("report", language)}
+    table = budget_table(result, {"EXX": "um", "X": "um/m", SCALE_SUM: "um"}, words, language)
+    assert table is not None
+    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
+    assert english & {row[0] for row in table.rows} == (english if language == "en" else set())
+    assert sorted(row[1] for row in table.rows) == sorted(["1.02 µm"] * (2 + len(KINDS)) + ["1.02 µm/m"])
+    assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {("61", "34", "4")}
+    assert budget_table(made_up_result(), {}, words, language) is None
+
+
+LABORATORY = Laboratory(
+    certificate=Head(number="2026/'0042\\"), customer=Place(name="Works"), person=(Person(name="M. Muster", role="head"), Person(name="B")),
+    equipment=(Equipment(name="laser", serial="L-17"), Equipment(name="PTU300")),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(language: Language) -> None:
+    words = catalogue("report", language)
+    html = build_report(made_up_result(), source="r", laboratory=LABORATORY, language=language).html
+    seen = Outline(html).words
+    for text in ("2026/'0042\\", "M. Muster", "head", "Works", "L-17", "PTU300", words["approval"], words["signature"]):
+        assert text in seen
+    assert seen.count(words["compensation_unstated"]) >= 3, "serial number, operator, role of B"
+    assert "content: '2026\\00002f\\0000270042\\00005c'" in html, "no character of the number ends the string of the style"
+    assert hashlib.sha256(made_up_result().to_json().encode()).hexdigest() in seen
+
+
+def test_report_without_a_laboratory_has_room_for_a_signature_and_no_number() -> None:
+    html = build_report(made_up_result(), source="r").html
+    assert "@top-left" not in html
+    assert "not stated" in Outline(html).words
+
+
+def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
+    """As found, predicted, as left, tolerance, verdict: one row a figure; the printed largest vector is that of the interval alone."""
+    before = with_tolerance(solved(1), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0})
+    later = with_tolerance(solved(2), {"volumetric_rms_um": 5.0, "squareness_urad": 20.0, "EYX": 3.0})
+    concluded = conclude(before)
+    left = as_left("later", conclude(later), concluded.reach, later)
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    table = effect_table(before, concluded.reach, left, words, "en")
+    assert table is not None
+    assert [len(row) for row in table.rows] == [6] * len(table.rows)
+    by_name = {row[0].partition(" /")[0]: row for row in table.rows}
+    rms = by_name["Volumetric error, rms (k = 2)"]
+    assert (rms[1], rms[4]) == (" … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()), "5")
+    assert rms[5].startswith("not conform (< 1 %)")
+    assert by_name["C0Y"][3] == f"{later.squareness['C0Y'].value:.2f} ± {2 * later.squareness['C0Y'].u:.2f}".replace("-", "−")
+    assert "Range of EYX" in by_name
+    plain = effect_table(solved(1), conclude(solved(1)).reach, None, words, "en")
+    assert plain is not None
+    assert {len(row) for row in plain.rows} == {4}, "without a tolerance there is no word of it"
+    html = build_report(before, source="r", left=left).html
+    assert re.search(r"worst [0-9]", html) is None
 
 
 def test_what_a_pointer_finds_is_what_was_computed() -> None:

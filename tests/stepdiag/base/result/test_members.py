@@ -22,6 +22,9 @@ FILE = {"name": "EEC.INI", "sha256": "a" * 64, "date": "2026-01-31", "source": "
 SCALES = {axis: {"value": 1.5, "u": 0.5, "unit": "um/m"} for axis in "XYZ"}
 SIZES = {"rms_um": {"value": 2.0, "low": 1.0, "high": 3.0}, "largest_um": {"value": 5.0, "low": 4.0, "high": 6.0}}
 SLIP = {"setup": "ppp", "pass": 1, "stop": 5, "half_um": 1.5, "nearly_um": 2.5, "volume_um": 0.5, "readings_um": 0.25, "passes": ["ppp/1"]}
+JUDGED = {
+    "quantity": "C0Y", "unit": "urad", "tolerance": 20.5, "value": 1.5, "low": 0.5, "high": 2.5, "probability": 0.5, "verdict": "conform",
+}  # fmt: skip
 ASSUMED = dict.fromkeys(
     (
         "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "growth_um_m", "u_expansion_um_m_c", "index_ppm",
@@ -62,6 +65,9 @@ WHOLE = {
     "coverage": {"EXX": {"degrees_of_freedom": 4.5, "k": 2.5}},
     "standards": {"linear-x": [{"standard": "ISO 230-2:2014", "source_status": "recalled", "E_up": 1.5, "runs": 5, "U": {"E_up": 0.5}}]},
     "monte_carlo": {"trials": 9, "EXX": {"u": 0.5, "u_stated": 0.5}},
+    "sources": [{"role": "log", "name": "0001.mcap", "sha256": "b" * 64}],
+    "tolerance": {"squareness_urad": 20.5},
+    "conformity": {"as_found": [JUDGED], "predicted": []},
 }  # fmt: skip
 """Every member once, with most of its own members."""
 SETUPS = {
@@ -78,6 +84,7 @@ LEFT_OUT = {
 """Names that may be left out, wherever they stand below a member; entries of `MAPS` may be, too."""
 MAPS = (
     "angle_urad", "head_straightness", "assumptions", "shares", "EXX", "combined", "coverage", "standards", "U", "monte_carlo", "setups",
+    "tolerance",
 )  # fmt: skip
 """Maps by quantity, source, setup or function."""
 
@@ -135,7 +142,7 @@ def test_a_member_of_another_type_is_refused_by_its_name(data):
     changed = document()
     was = at(changed, path)
     value = data.draw(st.sampled_from(other_types(was) if type(was) is not bool else ["text", 1.5, [], {}]))
-    if path[-1] in MAPS and value == {}:
+    if path[-1] in MAPS and value in ({}, {"unheard": 1}):  # any name may stand in a map
         return
     at(changed, path[:-1])[path[-1]] = value
     if value in ([], {}) and type(was) is type(value):

@@ -1,0 +1,175 @@
+"""Does a machine conform to its tolerances: a verdict by ISO 14253-1 with the probability of conformity by JCGM 106, from a result alone.
+
+A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. With what was measured, Y has a distribution: normal with
+value and combined standard uncertainty for a number, the draws of the posterior for a figure that is skewed (a length, a range).
+
+    probability of conformity   p = Pr(-T <= Y <= T | measured)                         JCGM 106:2012, 7
+    conform                     the whole coverage interval (k = 2) lies within T       ISO 14253-1, guard band g = U
+    not conform                 the whole coverage interval lies outside of T
+    not decidable               the interval holds a limit
+
+For a normal Y far from the other limit this is |y| + U <= T, which accepts a machine at the limit in 2.3 % of all surveys. The interval of
+a volumetric figure is that of `base.result.prediction`: 2.3 % of the draws lie above it and 0.5 % below.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from math import erf, sqrt
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.interval import FieldFigures, Interval
+from stepdiag.base.result.members import Conformity, Judged, StandardFigures, Verdict
+from stepdiag.base.result.prediction import DRAWS, TAIL, VOLUMETRIC_LARGEST, VOLUMETRIC_RMS, predicted
+from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, ROTATIONS, Function, Result
+from stepdiag.base.volume import Vector, anywhere_mm
+
+SQUARENESS_URAD = "squareness_urad"
+POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
+"""Tolerances of the figures of ISO 230-2 along every axis, by name."""
+COVERAGE = 2.0
+Unit = Literal["um", "urad"]
+
+
+def probability(value: float, u: float, tolerance: float, least: float | None = None) -> float:
+    """Return the probability that a normal measurand lies from ``least`` (None: minus ``tolerance``) to ``tolerance``.
+
+    ``u`` is its standard uncertainty; with 0 the measurand is its value. Source: JCGM 106:2012, 7.3 to 7.5.
+    """
+    low = -tolerance if least is None else least
+    if u == 0.0:
+        return float(low <= value <= tolerance)
+    return _normal((tolerance - value) / u) - _normal((low - value) / u)
+
+
+def _normal(z: float) -> float:
+    return 0.5 * (1.0 + erf(z / sqrt(2.0)))
+
+
+def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdict:
+    """Return the verdict about a measurand with a coverage interval, whose magnitude may be ``tolerance``; no interval decides nothing."""
+    if low is None or high is None:
+        return "not_decidable"
+    if -tolerance <= low and high <= tolerance:
+        return "conform"
+    return "not_conform" if low > tolerance or high < -tolerance else "not_decidable"
+
+
+def together(verdicts: Iterable[Verdict]) -> Verdict:
+    """Return the verdict about a machine: not conform by one figure, conform by all."""
+    found = set(verdicts)
+    return "not_conform" if "not_conform" in found else "not_decidable" if "not_decidable" in found or not found else "conform"
+
+
+def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
+    """Return the result with tolerances, by quantity, and its conformity to them; the result as it is where there are none."""
+    if not tolerance:
+        return result
+    known = replace(result, tolerance=dict(tolerance))
+    if known.predicted is not None and {VOLUMETRIC_RMS, VOLUMETRIC_LARGEST} & tolerance.keys():
+        points = anywhere_mm(known.volume)
+        known = replace(known, predicted=predicted(known, points, -error_field_um(known, points)))
+    return replace(known, conformity=conformity_of(known))
+
+
+def conformity_of(result: Result) -> Conformity:
+    """Return the conformity of a result to its own tolerances."""
+    tolerance = result.tolerance or {}
+    figures = None if result.predicted is None else result.predicted.without_rigid_motion
+    found = (*_squareness(result, tolerance), *_positioning(result, tolerance), *_functions(result, tolerance))
+    return Conformity(
+        as_found=(*judged_volume(tolerance, None if figures is None else figures["before"]), *found),
+        predicted=judged_volume(tolerance, None if figures is None else figures["after"]),
+    )
+
+
+def judged_volume(tolerance: Mapping[str, float], figures: FieldFigures | None) -> tuple[Judged, ...]:
+    """Return the volumetric figures that have a tolerance; ``figures`` is None where no volume was surveyed."""
+    intervals = (None, None) if figures is None else (figures.rms_um, figures.largest_um)
+    pairs = zip((VOLUMETRIC_RMS, VOLUMETRIC_LARGEST), intervals, strict=True)
+    return tuple(_of_interval(name.removesuffix("_um"), "um", tolerance[name], found) for name, found in pairs if name in tolerance)
+
+
+def _of_interval(quantity: str, unit: Unit, tolerance: float, found: Interval | None) -> Judged:
+    known = found or Interval(value_um=0.0)
+    return Judged(
+        quantity=quantity, unit=unit, tolerance=tolerance, value=None if found is None else found.value_um, low=known.low_um,
+        high=known.high_um, probability=known.within, verdict=verdict_of(known.low_um, known.high_um, tolerance),
+    )  # fmt: skip
+
+
+def _of_number(quantity: str, unit: Unit, tolerance: float, value: float | None, u: float | None) -> Judged:
+    low, high, within = None, None, None
+    if value is not None and u is not None:
+        low, high, within = value - COVERAGE * u, value + COVERAGE * u, probability(value, u, tolerance)
+    return Judged(
+        quantity=quantity, unit=unit, tolerance=tolerance, value=value, low=low, high=high, probability=within,
+        verdict=verdict_of(low, high, tolerance),
+    )  # fmt: skip
+
+
+def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
+    most = tolerance.get(SQUARENESS_URAD)
+    for name, quantity in result.squareness.items():
+        if most is not None:
+            yield _of_number(name, "urad", most, quantity.value, quantity.u)
+
+
+def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
+    """Yield E and A of every run along an axis; without such a run nothing is decided about them."""
+    runs = {name: found[0] for name, found in (result.standards or {}).items() if name.startswith("linear") and found}
+    for name, symbol in POSITIONING_UM.items():
+        most = tolerance.get(name)
+        if most is not None:
+            of_axes = runs or {"linear": StandardFigures(standard="", source_status="")}
+            for run, figures in of_axes.items():
+                expanded = (figures.U or {}).get(symbol)
+                u = None if expanded is None else expanded / COVERAGE
+                yield _of_number(f"{symbol} {run}", "um", most, getattr(figures, symbol), u)
+
+
+def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
+    drawn = _drawn(result, [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in tolerance])
+    for name in (*DISPLACEMENTS, *ROTATIONS):
+        unit: Unit = "um" if name in DISPLACEMENTS else "urad"
+        function = result.errors.get(name)
+        if name not in tolerance:
+            continue
+        if name in drawn:
+            low, middle, high = np.quantile(drawn[name], (TAIL, 0.5, 1.0 - TAIL)).tolist()
+            within = float(np.mean(drawn[name] <= tolerance[name]))
+            known = Interval(value_um=middle, low_um=low, high_um=high, within=within)
+            yield _of_interval(name, unit, tolerance[name], known)
+        else:
+            yield _of_number(name, unit, tolerance[name], *_range(function))
+
+
+def _drawn(result: Result, names: list[str]) -> dict[str, Vector]:
+    """Return the range (largest less smallest value) of functions of machines drawn from the posterior, shape (draws,) by name.
+
+    Straightness and a function whose slope is not identified have their end-point line removed.
+    """
+    if result.posterior is None or not names:
+        return {}
+    deviations, amount, found = result.posterior.deviations(), result.posterior.drawn(DRAWS), {}
+    for name in names:
+        function = result.errors.get(name)
+        if name in deviations and function is not None and function.value is not None:
+            at = result.posterior.position_mm[name[2]]
+            machines = np.interp(at, function.position_mm, function.value) + amount @ deviations[name]
+            if (name in DISPLACEMENTS and name not in POSITIONING) or not function.slope_identified:
+                share = (at - at[0]) / (at[-1] - at[0])
+                machines = machines - machines[:, :1] - (machines[:, -1:] - machines[:, :1]) * share
+            found[name] = np.ptp(machines, axis=1)
+    return found
+
+
+def _range(function: Function | None) -> tuple[float | None, float | None]:
+    """Return the range of a function and its standard uncertainty; None where it is not identified."""
+    if function is None or function.value is None:
+        return None, None
+    low, high = int(np.argmin(function.value)), int(np.argmax(function.value))
+    u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
+    return float(function.value[high] - function.value[low]), u

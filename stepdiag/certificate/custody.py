@@ -1,0 +1,228 @@
+"""The chain of custody: from a certificate back to the logs, link by link, and every figure computed again.
+
+certificate -> laboratory's file, result, files, report, certificates of the equipment     by SHA-256
+result      -> logs, or readings and the files beside them                                 by SHA-256
+logs        -> result                                                                      solved again
+result      -> certificate                                                                 written again, compared element by element
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+from stepdiag.base.errors import DataError, StepdiagError
+from stepdiag.base.files import as_text, read_bytes, read_text
+from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Source
+from stepdiag.base.result.result import Result, parse_result, same_result
+from stepdiag.certificate.document import Link, certificate_of
+from stepdiag.certificate.elements import DCC, SI, document
+from stepdiag.completion.completion import replay_judged, solve_logs
+from stepdiag.completion.readings_file import Beside, solve_readings_file
+from stepdiag.daq.recording.archive import digest
+from stepdiag.daq.recording.verdicts import ACCEPTED, verdicts_in
+from stepdiag.daq.survey.environment import parse_environment
+from stepdiag.report.laboratory import read_laboratory, sha256_of
+
+LOG, RESULT, LEFT, LABORATORY = "log", "result", "result_as_left", "laboratory"
+_SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
+MOST_FILES = 20_000
+"""Files of a folder that are read to find the links."""
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenLinkError(Exception):
+    """A link that does not hold."""
+
+    link: Message
+
+
+class Verified(NamedTuple):
+    """What became of a certificate: how many links and figures hold, and the first link that does not, None where all do."""
+
+    links: int
+    figures: int
+    broken: Message | None
+
+
+def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
+    """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``."""
+    found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result))]
+    if left is not None:
+        found += [(LEFT, left.name, sha256_of(left)), *((f"{role}_as_left", name, sha) for role, name, sha in _sources(_read(left)))]
+    if stated is not None:
+        found.append((LABORATORY, stated.name, sha256_of(stated)))
+    if (result.parent / ACCEPTED).is_file():
+        found.append(("accepted", ACCEPTED, sha256_of(result.parent / ACCEPTED)))
+    return found + [(role, path.name, sha256_of(path)) for role, path in files]
+
+
+def _sources(result: Result) -> list[Link]:
+    return [(one.role, one.name, one.sha256) for one in result.sources or ()]
+
+
+def _read(path: Path) -> Result:
+    return parse_result(read_text(path), path.name)
+
+
+def accepted_in(folder: Path) -> list[str]:
+    """Return the findings that a person accepted in a survey's folder, with name and reason."""
+    places = (
+        (one, f"{one.setup}/{one.pass_number}" + ("" if one.stop is None else f"/{one.stop}")) for one in verdicts_in(folder).accepted
+    )
+    return [f"{place}: {one.code}; {one.name}: {one.reason}" for one, place in places]
+
+
+def verify_certificate(certificate: Path, folder: Path) -> Verified:
+    """Return whether a certificate follows from what stands in a folder, and the first link that does not hold.
+
+    Raises DataError for a file that is no certificate.
+    """
+    data = read_bytes(certificate)
+    root = parsed(data, certificate.name)
+    links, figures = custody_of(root), sum(1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList"))
+    try:
+        held = _held(links, folder)
+        _walk(root, data, links, held)
+    except BrokenLinkError as broken:
+        return Verified(len(links), figures, broken.link)
+    return Verified(len(links), figures, None)
+
+
+def parsed(data: bytes, name: str) -> ET.Element:
+    """Return the tree of a certificate. Raises DataError for another file; a document type, which may hide entities, is refused."""
+    try:
+        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+            raise ET.ParseError("a document type")
+        root = ET.fromstring(data)  # noqa: S314 - without a document type there are no entities
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise DataError(name, expected=message("certificate-xml"), found=str(error)) from error
+    if root.tag != f"{{{DCC}}}digitalCalibrationCertificate":
+        raise DataError(name, expected=message("certificate-xml"), found=root.tag)
+    return root
+
+
+def custody_of(root: ET.Element) -> list[Link]:
+    """Return the links that a certificate names."""
+    notes = root.findall(f".//{{{DCC}}}metaData[@refType='stepdiag_custody']/{{{DCC}}}data/{{{DCC}}}quantity")
+    content = f"{{{DCC}}}content"
+    return [
+        (
+            one.get("refType", "").removeprefix("stepdiag_"),
+            one.findtext(f"{{{DCC}}}name/{content}") or "",
+            one.findtext(f"{{{DCC}}}noQuantity/{content}") or "",
+        )
+        for one in notes
+    ]
+
+
+def _held(links: Sequence[Link], folder: Path) -> dict[Link, Path]:
+    """Return where each link stands in a folder. Raises BrokenLinkError for the first that does not."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()][:MOST_FILES]
+    named = {name for _, name, _ in links}
+    hashes = {path: _hash(path) for path in files if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}}
+    held = {}
+    for link in links:
+        role, name, sha = link
+        path = next((path for path, found in hashes.items() if found == sha and sha), None)
+        if path is None:
+            there = any(each.name == name for each in files)
+            raise BrokenLinkError(message("custody-changed" if there else "custody-missing", role=role, name=name, sha256=sha or "–"))
+        held[link] = path
+    return held
+
+
+def _hash(path: Path) -> str:
+    try:
+        return digest(path) if ".mcap" in path.suffixes else hashlib.sha256(path.read_bytes()).hexdigest()
+    except (StepdiagError, OSError, ValueError):  # a file that cannot be read holds no link
+        return ""
+
+
+def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path]) -> None:
+    by_role = {role: held[role, name, sha] for role, name, sha in links if role in (RESULT, LEFT, LABORATORY)}
+    if RESULT not in by_role:
+        raise BrokenLinkError(message("custody-unnamed", role=RESULT))
+    result = _again(by_role[RESULT], links, held, "")
+    left = _again(by_role[LEFT], links, held, "_as_left") if LEFT in by_role else None
+    accepted = next((held[link].parent for link in links if link[0] == "accepted"), None)
+    try:
+        stated = read_laboratory(by_role.get(LABORATORY))
+        words = [] if accepted is None else accepted_in(accepted)
+        again = certificate_of(result, stated, links, left=left, accepted=words)
+    except StepdiagError as error:
+        raise BrokenLinkError(message("custody-refused", what=str(error))) from error
+    for one, other in zip_longest(_leaves(root), _leaves(again), fillvalue=NO_LEAF):
+        if one != other:
+            raise BrokenLinkError(message("custody-differs", place=one.place or other.place, found=one.text, expected=other.text))
+    if root.find(_SIGNATURE) is None and document(again) != data:
+        raise BrokenLinkError(message("custody-bytes"))
+
+
+def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
+    """Return the result as it is solved again from its sources. Raises BrokenLinkError where they are others, or say something else."""
+    result, data = _read(path), read_bytes(path)
+    sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]
+    if tuple(sources) != (result.sources or ()) or not sources:
+        raise BrokenLinkError(message("custody-sources", name=path.name))
+    files = {(one.role, one.name): held[one.role + suffix, one.name, one.sha256] for one in sources}
+    try:
+        solved = _solved(result, sources, files)
+    except StepdiagError as error:
+        raise BrokenLinkError(message("custody-refused", what=str(error))) from error
+    text = replace(solved, software=result.software).to_json()
+    if not same_result(data, text.encode()):
+        raise BrokenLinkError(message("custody-result", name=path.name))
+    return parse_result(as_text(data, path.name), path.name)
+
+
+def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
+    """Yield the sources of the result, or of that as left."""
+    others = {RESULT, LEFT, LABORATORY, "accepted", "file", "report"}
+    for link in links:
+        if link[0] not in others and link[0].endswith("_as_left") == bool(suffix):
+            yield link
+
+
+def _solved(result: Result, sources: Sequence[Source], files: Mapping[tuple[str, str], Path]) -> Result:
+    of = {one.role: files[one.role, one.name] for one in sources}
+    if LOG in of:
+        stated = parse_environment(read_text(of["environment"]), of["environment"].name) if "environment" in of else None
+        logs = [files[one.role, one.name] for one in sources if one.role == LOG]
+        return replace(solve_logs(replay_judged(logs), result.method, stated)[0], sources=result.sources)
+    if "readings" not in of or "run" in of:
+        raise DataError(result.source, expected=message("custody-solvable"), found=", ".join(of))
+    beside = Beside(
+        angles=of.get("angles"), straightness=of.get("straightness"), uncertainty=of.get("uncertainty"), tolerance=of.get("tolerance")
+    )
+    trials = 0 if result.monte_carlo is None else result.monte_carlo.trials
+    solved = solve_readings_file(of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials)
+    # what a person stated about the compensation stands in no reading; names of files may be others where they stand now
+    return replace(solved, survey=result.survey, sources=result.sources)
+
+
+class Leaf(NamedTuple):
+    """An element: its place with the attributes on the way, its text, its name with its namespace."""
+
+    place: str
+    text: str
+    tag: str
+
+
+NO_LEAF = Leaf("", "", "")
+
+
+def _leaves(node: ET.Element, at: str = "") -> Iterator[Leaf]:
+    """Yield every element, signatures left out."""
+    here = f"{at}/{node.tag.rpartition('}')[2]}"
+    attributes = " ".join(f"{name}={value}" for name, value in sorted(node.items()))
+    place = f"{here}[{attributes}]" if attributes else here
+    tail = (node.tail or "").strip()
+    yield Leaf(place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag)
+    for child in node:
+        if child.tag != _SIGNATURE:
+            yield from _leaves(child, place)

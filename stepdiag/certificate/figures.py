@@ -1,0 +1,82 @@
+"""The figures of a result in SI, each with its name, U and unit: the one table from which the certificate is written."""
+
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from typing import NamedTuple
+
+from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.result.interval import FieldFigures, Interval
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
+
+METRE, RADIAN, ONE, KELVIN, PASCAL = r"\metre", r"\radian", r"\one", r"\kelvin", r"\pascal"
+UNITS = {"um": (METRE, -6), "urad": (RADIAN, -6), "um/m": (ONE, -6), "mm": (METRE, -3), "hpa": (PASCAL, 2), "percent": (ONE, -2)}
+"""Unit of the result -> unit of D-SI and power of ten."""
+ISO_230_2 = ("E_up", "E_down", "E", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A", "E_d", "B_d", "R_d", "A_d")
+
+
+class Figure(NamedTuple):
+    """A quantity: its name and refType, numbers as they are written, their U (k = 2), and the positions in metres."""
+
+    name: str
+    refers: str
+    unit: str
+    values: tuple[str, ...]
+    expanded: tuple[str, ...] = ()
+    at: tuple[str, ...] = ()
+
+
+def written(value: float, power: int) -> str:
+    """Return a number times a power of ten, exact, as the schema has it."""
+    scaled = Decimal(repr(float(value))).scaleb(power).normalize()
+    return "0" if not scaled else format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+
+
+def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | None = None, at: Sequence[float] = ()) -> Figure:
+    unit_si, power = UNITS[unit]
+    return Figure(
+        name, f"machineTool_{name.replace(' ', '_')}", unit_si, tuple(written(value, power) for value in values),
+        () if u is None else tuple(written(COVERAGE * each, power) for each in u), tuple(written(each, -3) for each in at),
+    )  # fmt: skip
+
+
+def figures_of(result: Result) -> Iterator[Figure]:
+    """Yield every figure of a result that is identified: functions, reversals, squareness, scales, figures of standards, volume."""
+    for part, of in (("", result.errors), ("reversal ", result.reversal)):
+        for name in (*DISPLACEMENTS, *ROTATIONS):
+            function = of.get(name)
+            if function is not None and function.value is not None:
+                u = None if function.u is None else function.u.tolist()
+                yield _figure(part + name, function.unit, function.value.tolist(), u, function.position_mm.tolist())
+    for name, number in result.squareness.items():
+        if number.value is not None:
+            yield _figure(name, "urad", [number.value], None if number.u is None else [number.u])
+    for axis, scale in result.scale.items():
+        if scale.value is not None:
+            yield _figure(f"scale {axis}", "um/m", [scale.value], None if scale.u is None else [scale.u])
+    yield from _standards(result)
+    if result.predicted is not None:
+        yield from _volume("", result.predicted.without_rigid_motion["before"])
+
+
+def predicted_figures(result: Result) -> Iterator[Figure]:
+    """Yield the volume as predicted after an ideal compensation."""
+    if result.predicted is not None:
+        yield from _volume("predicted ", result.predicted.without_rigid_motion["after"])
+
+
+def _standards(result: Result) -> Iterator[Figure]:
+    for run, found in (result.standards or {}).items():
+        for figures in found[:1]:
+            for symbol in ISO_230_2:
+                value, expanded = getattr(figures, symbol), (figures.U or {}).get(symbol)
+                if value is not None:
+                    yield _figure(f"{run} {symbol}", "um", [value], None if expanded is None else [expanded / COVERAGE])
+
+
+def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
+    """Yield the volumetric figures: skewed, so that each has the ends of its interval beside it and no U."""
+    both: tuple[tuple[str, Interval], ...] = (("volumetric rms", figures.rms_um), ("volumetric largest", figures.largest_um))
+    for name, interval in both:
+        for end, value in (("", interval.value_um), (" low", interval.low_um), (" high", interval.high_um)):
+            if value is not None:
+                yield _figure(f"{when}{name}{end}", "um", [value])

@@ -1,0 +1,43 @@
+"""The signature of a certificate (XMLDSig) by signxml, which the extra ``stepdiag[certificate]`` brings."""
+
+from pathlib import Path
+from typing import Any
+
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import read_bytes
+from stepdiag.base.messages import message
+
+
+def _library() -> Any:
+    try:
+        import signxml
+    except ImportError as error:
+        raise UsageError("--key-certificate", expected="stepdiag[certificate]", found=str(error)) from error
+    return signxml
+
+
+def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
+    """Return a certificate with a signature in it. Raises UsageError where the library or a file is missing, or the key is none."""
+    signxml = _library()
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+    from lxml import etree
+
+    try:
+        own = serialization.load_pem_private_key(read_bytes(key), None)
+        curve = isinstance(own, EllipticCurvePrivateKey)
+        signer = signxml.XMLSigner(signature_algorithm="ecdsa-sha256" if curve else "rsa-sha256")
+        root = signer.sign(etree.fromstring(certificate), key=own, cert=read_bytes(key_certificate).decode())
+    except (ValueError, TypeError, signxml.exceptions.SignXMLException) as error:
+        raise UsageError(str(key), expected=message("signature-key"), found=str(error)) from error
+    data: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return data + b"\n"
+
+
+def require_signature(certificate: Path, key_certificate: Path) -> None:
+    """Raise DataError where a certificate is not signed by the key of an X.509 certificate."""
+    signxml = _library()
+    try:
+        signxml.XMLVerifier().verify(read_bytes(certificate), x509_cert=read_bytes(key_certificate).decode())
+    except (ValueError, signxml.exceptions.SignXMLException) as error:
+        raise DataError(certificate.name, expected=message("signature-of-key"), found=str(error)) from error

@@ -1,0 +1,76 @@
+"""``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepdiag.base.errors import UsageError
+
+JUDGED_WRONG = 5
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("certificate")(certificate)
+
+
+def certificate(
+    result: Annotated[Path, typer.Argument(help="result.json, as `solve`, `replay` or `run` wrote it.")],
+    files: Annotated[list[Path] | None, typer.Argument(help="Compensation files, or the folder of an export.")] = None,
+    out: Annotated[Path, typer.Option(help="The certificate, FILE.xml.")] = Path("certificate.xml"),
+    laboratory: Annotated[
+        Path | None, typer.Option(help="Settings (TOML): laboratory, customer, item, persons and equipment (docs/laboratory.md).")
+    ] = None,
+    after: Annotated[Path | None, typer.Option("--as-left", help="The result of the survey after loading.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="The report that is handed over with it: named by its SHA-256.")] = None,
+    key: Annotated[Path | None, typer.Option(help="A private key (PEM): signs the certificate; needs stepdiag[certificate].")] = None,
+    key_certificate: Annotated[Path | None, typer.Option(help="The key's X.509 certificate (PEM).")] = None,
+) -> None:
+    """Write a result as a calibration certificate.
+
+    A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
+    `stepdiag verify FILE.xml` computes it again from the logs.
+    """
+    from stepdiag.base.files import write_together
+    from stepdiag.certificate.custody import RESULT, accepted_in, links_of
+    from stepdiag.certificate.document import certificate_of
+    from stepdiag.certificate.elements import document
+    from stepdiag.cli.report import read_result
+    from stepdiag.report.laboratory import read_laboratory
+
+    if out.suffix.lower() != ".xml":
+        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
+    if (key is None) != (key_certificate is None):
+        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
+    found, left = read_result(result), None if after is None else read_result(after)
+    given = [("file", path) for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
+    given += [("report", report)] if report is not None else []
+    links = links_of(result / "result.json" if result.is_dir() else result, laboratory, left=after, files=given)
+    folder = result if result.is_dir() else result.parent
+    made = certificate_of(
+        found, read_laboratory(laboratory), links, left=left,
+        accepted=accepted_in(folder) if any(role == "accepted" for role, _, _ in links) else (),
+    )  # fmt: skip
+    data = document(made)
+    if key is not None and key_certificate is not None:
+        from stepdiag.certificate.signature import signed
+
+        data = signed(data, key, key_certificate)
+    write_together({out: data}, over=False)
+    typer.echo(f"certificate: {out}; it rests on {len(links)} things, the first {RESULT}")
+
+
+def verify_file(path: Path, folder: Path | None, key_certificate: Path | None = None) -> None:
+    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not."""
+    from stepdiag.certificate.custody import verify_certificate
+
+    if key_certificate is not None:
+        from stepdiag.certificate.signature import require_signature
+
+        require_signature(path, key_certificate)
+    found = verify_certificate(path, folder or path.parent)
+    if found.broken is not None:
+        typer.echo(f"WRONG {path.name}: {found.broken}")
+        raise typer.Exit(JUDGED_WRONG)
+    typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")

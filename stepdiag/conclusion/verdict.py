@@ -1,0 +1,82 @@
+"""The verdict about the machine's tolerances in sentences: as found, and as the files of an export leave it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from stepdiag.base.conformity import judged_volume, together
+from stepdiag.base.result.interval import FieldFigures, Interval
+from stepdiag.base.result.members import Conformity, Judged
+from stepdiag.base.result.result import Result
+from stepdiag.conclusion.intervals import Reach
+from stepdiag.conclusion.sentences import Sentence, render
+from stepdiag.texts import Language
+
+STATES = ("as_found", "predicted")
+UNITS = {"um": "µm", "urad": "µrad"}
+SURE = 0.99
+"""A probability beyond is no better known: it is a share of a few hundred draws."""
+
+
+def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
+    """Return the conformity of a result, the volume predicted with the files of an export where there are any; None without a tolerance."""
+    if result.conformity is None or exported is None or exported.rms_after is None or exported.largest_after is None:
+        return result.conformity
+    after = FieldFigures(rms_um=exported.rms_after, largest_um=exported.largest_after)
+    return replace(result.conformity, predicted=judged_volume(result.tolerance or {}, after))
+
+
+def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
+    """Yield the verdict about the machine and about every figure, as found and predicted; none without a tolerance."""
+    for state in STATES if found is not None else ():
+        judged: tuple[Judged, ...] = getattr(found, state)
+        if judged:
+            verdict = together(one.verdict for one in judged)
+            yield Sentence(key=f"verdict_{state}", arguments={"verdict": Sentence(key=f"verdict_{verdict}")})
+        yield from (_sentence(one) for one in judged)
+
+
+def _sentence(one: Judged) -> Sentence:
+    arguments: dict[str, str | Sentence] = {
+        "quantity": _quantity(one),
+        "limit": f"{one.tolerance:g}",
+        "unit": UNITS[one.unit],
+        "verdict": Sentence(key=f"verdict_{one.verdict}"),
+    }
+    if one.low is None or one.high is None or one.probability is None:
+        return Sentence(key="verdict_unknown_figure", arguments=arguments)
+    low, high = interval_of(one)
+    return Sentence(key="verdict_figure", arguments={**arguments, "low": low, "high": high, "p": probability_words(one.probability)})
+
+
+def interval_of(one: Judged) -> tuple[str, str]:
+    """Return the ends of the coverage interval as written everywhere; empty where they are not known."""
+    if one.low is None or one.high is None:
+        return "", ""
+    low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()
+    return low.replace("-", "−"), high.replace("-", "−")
+
+
+def _quantity(one: Judged) -> Sentence:
+    kind, _, of = one.quantity.partition(" ")
+    match kind:
+        case "volumetric_rms" | "volumetric_largest":
+            return Sentence(key=f"quantity_{kind}")
+        case "E" | "A":
+            return Sentence(key="quantity_positioning", arguments={"symbol": kind, "run": of})
+        case _:
+            return Sentence(key="quantity_range" if kind[0] == "E" else "quantity_squareness", arguments={"name": kind})
+
+
+def quantity_words(one: Judged, language: Language) -> str:
+    """Return the name of a figure for a person."""
+    return render(_quantity(one), language)
+
+
+def verdict_words(one: Judged, language: Language) -> str:
+    """Return the verdict about one figure for a person."""
+    return render(Sentence(key=f"verdict_{one.verdict}"), language)
+
+
+def probability_words(p: float) -> str:
+    """Return a probability in percent, no surer than draws can be."""
+    return "> 99" if p > SURE else "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"

@@ -1,0 +1,162 @@
+"""Verdicts by ISO 14253-1 and probabilities of conformity by JCGM 106."""
+
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stepdiag.base.conformity import conformity_of, probability, together, verdict_of, with_tolerance
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.members import Conformity, StandardFigures
+from stepdiag.base.result.posterior import Posterior
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, parse_result
+from stepdiag.base.volume import rms
+from testkit.exact.results import VOLUME, made_result
+from testkit.exact.surveys import LINEAR, Bench, solved
+
+MACHINES = 2000
+STATED, BAND = 0.025, 0.01
+
+
+# JCGM 106:2012, 7.3 to 7.5: the examples are normal, and their figures follow from the printed values, limits and u (recalled from the
+# document, computed here by `statistics.NormalDist`): a Zener diode (one limit), a motor oil of grade SAE 40 (two limits), and the table of
+# conformance probabilities and their z.
+def test_zener_diode_conforms_with_092():
+    assert probability(-5.47, 0.05, -5.40, least=-np.inf) == pytest.approx(0.92, abs=0.005)
+
+
+def test_motor_oil_conforms_with_066():
+    p = probability(13.6, 1.8, 16.3, least=12.5)
+    assert p == pytest.approx(0.66, abs=0.005)
+    assert p == pytest.approx(NormalDist().cdf(1.5) - NormalDist().cdf(-1.1 / 1.8), abs=1e-12)
+
+
+@pytest.mark.parametrize(("p", "z"), [(0.80, 0.84), (0.90, 1.28), (0.95, 1.64), (0.99, 2.33), (0.999, 3.09)])
+def test_one_limit_follows_the_table_of_z(p, z):
+    assert probability(100.0 - z, 1.0, 100.0) == pytest.approx(p, abs=0.003)
+    assert round(NormalDist().inv_cdf(p), 2) == z
+
+
+@given(st.floats(-50, 50), st.floats(0.01, 20), st.floats(0.1, 50))
+def test_verdict_keeps_the_guard_band(value, u, tolerance):
+    low, high = value - 2 * u, value + 2 * u
+    verdict, p = verdict_of(low, high, tolerance), probability(value, u, tolerance)
+    assert (verdict == "conform") == (abs(value) + 2 * u <= tolerance + 1e-12) or abs(abs(value) + 2 * u - tolerance) < 1e-9
+    assert p > 0.95 or verdict != "conform"
+    assert p < 0.025 or verdict != "not_conform"
+
+
+def test_certain_value_is_judged_by_itself():
+    assert (probability(3.0, 0.0, 3.0), probability(3.1, 0.0, 3.0)) == (1.0, 0.0)
+
+
+def test_one_figure_decides_against_a_machine():
+    assert together(["conform", "conform"]) == "conform"
+    assert together(["conform", "not_decidable"]) == "not_decidable"
+    assert together(["conform", "not_decidable", "not_conform"]) == "not_conform"
+    assert together([]) == "not_decidable"
+
+
+def test_number_at_its_limit_is_accepted_at_the_stated_risk():
+    rng = np.random.default_rng(5)
+    found = 20.0 + rng.normal(0, 1.5, MACHINES)
+    accepted = sum(verdict_of(value - 3.0, value + 3.0, 20.0) == "conform" for value in found)
+    assert accepted / MACHINES == pytest.approx(STATED, abs=BAND)
+
+
+def _posterior(modes: dict[str, np.ndarray]) -> Posterior:
+    at = {axis: VOLUME.nodes_mm(index) for index, axis in enumerate("XYZ")}
+    return Posterior(position_mm=at, offset={}, modes=modes, rest={}, between_um={})
+
+
+def test_volume_at_its_limit_is_accepted_at_the_stated_risk():
+    """2,000 machines with a volumetric error (rms) of exactly the tolerance, each measured once, with a posterior of eight modes."""
+    rng, tolerance, nodes = np.random.default_rng(11), 10.0, np.linspace(0, np.pi, VOLUME.increments + 1)
+    shapes = {name: np.array([np.sin((k + 1) * nodes) for k in range(2)]) for name in DISPLACEMENTS}
+    mixed = {name: rng.normal(0, 0.45, (8, 2)) @ shape for name, shape in shapes.items()}
+    axes = [VOLUME.nodes_mm(index)[[0, 1, 3]] for index in range(3)]  # at targets: between them the curve through the values is bent
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    accepted = refused = 0
+    for _ in range(MACHINES):
+        drawn = {name: rng.normal(0, 3.0, 2) @ shape for name, shape in shapes.items()}
+        field = without_rigid_motion(VOLUME, points, error_field_um(made_result(drawn), points))
+        times = tolerance / (rms(field) * np.sqrt(3.0))
+        z = rng.standard_normal(8)
+        result = made_result({name: times * value + z @ mixed[name] for name, value in drawn.items()})
+        known = replace(result, posterior=_posterior(mixed), tolerance={"volumetric_rms_um": tolerance})
+        found = predicted(known, points, np.zeros_like(points)).without_rigid_motion["before"].rms_um
+        verdict = verdict_of(found.low_um, found.high_um, tolerance)
+        assert found.within is not None
+        assert found.within > 0.975 or verdict != "conform"
+        accepted += verdict == "conform"
+        refused += verdict == "not_conform"
+    assert accepted / MACHINES == pytest.approx(STATED, abs=BAND)
+    assert refused / MACHINES <= STATED
+
+
+def test_range_of_a_function_is_drawn_and_skewed():
+    """A straightness of nothing but noise has a range above zero: the interval holds that, and the probability follows the draws."""
+    modes = {"EYX": 0.5 * np.eye(5)}
+    result = replace(made_result(), posterior=_posterior(modes))
+    (judged,) = with_tolerance(result, {"EYX": 1.0}).conformity.as_found
+    assert 0.0 < judged.low < judged.value < judged.high
+    assert 0.02 < judged.probability < 0.9
+    assert judged.verdict == "not_decidable"
+    wide = with_tolerance(result, {"EYX": 10.0}).conformity.as_found[0]
+    assert (wide.verdict, wide.probability) == ("conform", 1.0)
+
+
+def test_what_is_not_identified_is_not_decidable():
+    result = made_result({"EYX": None}, squareness={"C0Y": None})
+    judged = {one.quantity: one for one in with_tolerance(result, TOLERANCE).conformity.as_found}
+    for name in ("EYX", "C0Y", "E linear", "volumetric_rms"):
+        assert (judged[name].verdict, judged[name].value, judged[name].probability) == ("not_decidable", None, None)
+    assert judged["B0Z"].verdict == "conform"
+
+
+def test_positioning_is_judged_with_its_own_u():
+    figures = StandardFigures(standard="ISO 230-2", source_status="", E=4.0, A=6.0, U={"E": 1.0, "A": 1.0})
+    result = replace(made_result(), standards={"linear-x": (figures,), "ppp": (figures,)})
+    judged = conformity_of(replace(result, tolerance={"positioning_e_um": 5.0, "positioning_a_um": 6.2})).as_found
+    assert [(one.quantity, one.verdict) for one in judged] == [("E linear-x", "conform"), ("A linear-x", "not_decidable")]
+    assert judged[0].probability == pytest.approx(NormalDist().cdf(2.0), abs=1e-9)
+
+
+TOLERANCE = {
+    "volumetric_rms_um": 25.0, "volumetric_largest_um": 60.0, "squareness_urad": 20.0, "positioning_e_um": 20.0, "EXX": 9.0, "EYX": 9.0,
+}  # fmt: skip
+
+
+def test_survey_is_judged_as_found_and_predicted_and_reads_back():
+    result = with_tolerance(solved(1), TOLERANCE)
+    again = parse_result(result.to_json())
+    assert again.tolerance == TOLERANCE
+    assert [one.verdict for one in again.conformity.as_found] == [one.verdict for one in result.conformity.as_found]
+    assert [one.quantity for one in result.conformity.predicted] == ["volumetric_rms", "volumetric_largest"]
+    figures = result.predicted.without_rigid_motion["before"]
+    assert (figures.rms_um.low_um, figures.rms_um.high_um) == (result.conformity.as_found[0].low, result.conformity.as_found[0].high)
+    assert replace(figures.rms_um, within=None) == solved(1).predicted.without_rigid_motion["before"].rms_um
+    assert result.predicted.as_it_is["before"].rms_um.within is None
+
+
+def test_without_a_tolerance_there_is_no_word_of_one():
+    result = with_tolerance(solved(1), {})
+    assert result is solved(1)
+    for word in ("tolerance", "conformity", "within"):
+        assert f'"{word}"' not in result.to_json()
+
+
+def test_real_surveys_hold_what_is_true_of_the_machine():
+    """The figures of a machine that is known lie within a tolerance just above them with the probability that its draws state."""
+    bench = Bench(seed=1)
+    true = bench.machine.truth(bench.increments)
+    assert true is not None
+    judged = with_tolerance(solved(1), {"squareness_urad": 1000.0, "volumetric_rms_um": 1000.0}).conformity
+    assert isinstance(judged, Conformity)
+    assert {one.verdict for one in (*judged.as_found, *judged.predicted)} == {"conform"}
+    assert set(LINEAR) & set(BODY_DIAGONALS) == set()

@@ -1,0 +1,293 @@
+"""The chain of custody: what is true holds, and every forgery is named by the first link that does not."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.certificate import custody
+from stepdiag.certificate.custody import custody_of, parsed, verify_certificate
+from testkit.cli import stepdiag
+from testkit.exact.surveys import Bench
+from testkit.fleets import finished_survey
+
+LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+TOLERANCE = "[tolerance]\nvolumetric_rms_um = 20.0\nsquareness_urad = 30.0\n[tolerance.functions_um]\nEYX = 20.0\n"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with readings, result, files, laboratory's file and certificate."""
+    folder = tmp_path_factory.mktemp("custody")
+    readings = Bench(seed=3, increments=2).survey(passes=(1, 2), joined=True)
+    (folder / "readings.csv").write_text(render_readings(readings), encoding="utf-8")
+    (folder / "laboratory.toml").write_text(LABORATORY, encoding="utf-8")
+    (folder / "tolerance.toml").write_text(TOLERANCE, encoding="utf-8")
+    (folder / "table.ini").write_text("CHANDATA(1)\n", encoding="utf-8")
+    assert stepdiag("solve", folder / "readings.csv", "--tolerance", folder / "tolerance.toml", "--out", folder / "result.json").code == 0
+    assert certify(folder).code == 0
+    return folder
+
+
+def certify(folder: Path):
+    return stepdiag(
+        "certificate", folder / "result.json", folder / "table.ini", "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml"
+    )  # fmt: skip
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    shutil.copytree(made, tmp_path / "case")
+    return tmp_path / "case"
+
+
+def verdict(folder: Path) -> str:
+    found = verify_certificate(folder / "c.xml", folder)
+    return "" if found.broken is None else found.broken.key
+
+
+def test_what_is_true_holds(folder: Path) -> None:
+    told = stepdiag("verify", folder / "c.xml")
+    assert (told.code, "holds: 5 links" in told.out) == (0, True)
+    roles = [role for role, _, _ in custody_of(parsed((folder / "c.xml").read_bytes(), "c.xml"))]
+    assert roles == ["result", "readings", "tolerance", "laboratory", "file"]
+
+
+def test_files_may_stand_elsewhere_under_other_names(folder: Path, tmp_path: Path) -> None:
+    (folder / "below").mkdir()
+    (folder / "readings.csv").rename(folder / "below" / "spring.csv")
+    shutil.move(folder / "c.xml", tmp_path / "c.xml")
+    assert stepdiag("verify", tmp_path / "c.xml", "--custody", folder).code == 0
+
+
+def altered(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8", newline="")
+
+
+def rehashed(folder: Path, before: bytes, name: str) -> None:
+    """Write the new hash of a file wherever the old one stands: a forger who knows the chain."""
+    old, new = (hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes()))
+    for path in (folder / "result.json", folder / "c.xml"):
+        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline="")
+
+
+def _result_prettier(folder: Path) -> None:
+    """C0Y in the result, its hash in the certificate, and the figure in the certificate."""
+    path = folder / "result.json"
+    before, document = path.read_bytes(), json.loads(path.read_text(encoding="utf-8"))
+    was = document["squareness"]["C0Y"]["value"]
+    path.write_text(path.read_text(encoding="utf-8").replace(f'"value": {was}', f'"value": {was / 2:.6f}'), encoding="utf-8", newline="")
+    rehashed(folder, before, "result.json")
+
+
+def _readings_prettier(folder: Path) -> None:
+    path = folder / "readings.csv"
+    before = path.read_bytes()
+    lines = path.read_text(encoding="utf-8").splitlines()
+    cells = lines[9].split(",")
+    cells[6] = str(float(cells[6]) + 0.01)
+    lines[9] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    result = (folder / "result.json").read_bytes()
+    rehashed(folder, before, "readings.csv")
+    rehashed(folder, result, "result.json")
+
+
+def _tolerance_wider(folder: Path) -> None:
+    before, result = (folder / "tolerance.toml").read_bytes(), (folder / "result.json").read_bytes()
+    altered(folder / "tolerance.toml", "30.0", "90.0")
+    rehashed(folder, before, "tolerance.toml")
+    rehashed(folder, result, "result.json")
+
+
+def _source_left_out(folder: Path) -> None:
+    root = etree.fromstring((folder / "c.xml").read_bytes())
+    (note,) = root.findall(".//{https://ptb.de/dcc}quantity[@refType='stepdiag_readings']")
+    note.getparent().remove(note)
+    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _figure_from_another_certificate(folder: Path) -> None:
+    root = etree.fromstring((folder / "c.xml").read_bytes())
+    first, second = root.findall(".//{https://ptb.de/dcc}result")[:2]
+    one, other = (each.findall(".//{https://ptb.de/si}valueXMLList")[-1] for each in (first, second))
+    one.text, other.text = other.text, one.text
+    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a figure in the certificate": (lambda f: altered(f / "c.xml", "<dcc:conformity>pass", "<dcc:conformity>fail"), "custody-differs"),
+    "a unit in the certificate": (lambda f: altered(f / "c.xml", r"\radian", r"\metre"), "custody-differs"),
+    "k in the certificate": (lambda f: altered(f / "c.xml", "coverageFactor>2<", "coverageFactor>3<"), "custody-differs"),
+    "two functions exchanged": (_figure_from_another_certificate, "custody-differs"),
+    "another laboratory": (lambda f: altered(f / "c.xml", "<dcc:content>Lab<", "<dcc:content>Bal<"), "custody-differs"),
+    "the laboratory's file": (lambda f: altered(f / "laboratory.toml", "Lab", "Bal"), "custody-changed"),
+    "a file for the control": (lambda f: altered(f / "table.ini", "(1)", "(2)"), "custody-changed"),
+    "the result alone": (lambda f: altered(f / "result.json", '"value": ', '"value":  '), "custody-changed"),
+    "the result with its hash": (_result_prettier, "custody-result"),
+    "the readings alone": (lambda f: altered(f / "readings.csv", "ppp,1,1,", "ppp,1, 1,"), "custody-changed"),
+    "the readings with all hashes": (_readings_prettier, "custody-result"),
+    "the tolerance with all hashes": (_tolerance_wider, "custody-result"),
+    "a source left out": (_source_left_out, "custody-sources"),
+    "the readings gone": (lambda f: (f / "readings.csv").unlink(), "custody-missing"),
+    "a value moved behind its element": (
+        lambda f: altered(f / "c.xml", ">pass</dcc:conformity>", "></dcc:conformity>pass"),
+        "custody-differs",
+    ),
+    "a remark for people": (lambda f: altered(f / "c.xml", "<dcc:items>", "<dcc:items><!-- -->"), "custody-bytes"),
+}
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_forgery_is_named_by_its_link(name: str, folder: Path) -> None:
+    forge, link = FORGERIES[name]
+    forge(folder)
+    assert verdict(folder) == link
+    told = stepdiag("verify", folder / "c.xml")
+    assert (told.code, told.out.startswith("WRONG c.xml: ")) == (5, True)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solve once for all changes of one certificate; each is read, its links hashed, and written again as always."""
+    again, known = custody._again, {}
+
+    def once(path, links, held, suffix):
+        key = (hashlib.sha256(path.read_bytes()).hexdigest(), tuple(links))
+        if key not in known:
+            known[key] = again(path, links, held, suffix)
+        return known[key]
+
+    monkeypatch.setattr(custody, "_again", once)
+
+
+@pytest.mark.usefixtures("quick")
+def test_every_single_change_is_refused(folder: Path) -> None:
+    """Every text and every attribute of the certificate, one by one: figure, unit, k, name, hash, date, statement."""
+    root, count = etree.fromstring((folder / "c.xml").read_bytes()), 0
+    for node in root.iter():
+        for where in [None, *node.keys()]:
+            was = node.text if where is None else node.get(where)
+            if not (was or "").strip():
+                continue
+            last = was[-1]
+            new = was[:-1] + ("8" if last != "8" else "9") if last.isdigit() else was + "x"
+            _put(node, where, new)
+            (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+            assert verdict(folder), f"{node.tag} {where}: {was} -> {new}"
+            _put(node, where, was)
+            count += 1
+    assert count > 900
+
+
+def _put(node, where, value) -> None:
+    if where is None:
+        node.text = value
+    else:
+        node.set(where, value)
+
+
+@pytest.mark.usefixtures("quick")
+def test_every_flipped_bit_is_found(folder: Path) -> None:
+    """Any bit of certificate, result, readings, tolerance, laboratory's file and table."""
+    rng, names = np.random.default_rng(46), ("c.xml", "result.json", "readings.csv", "tolerance.toml", "laboratory.toml", "table.ini")
+    for turn in range(300):
+        path = folder / names[turn % len(names)]
+        whole = path.read_bytes()
+        flipped = bytearray(whole)
+        flipped[int(rng.integers(len(flipped)))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(flipped)
+        try:
+            assert verdict(folder), f"{path.name}, turn {turn}"
+        except DataError:
+            assert path.name == "c.xml"
+        path.write_bytes(whole)
+    assert verdict(folder) == ""
+
+
+@pytest.mark.parametrize("data", [b"", b"<html/>", b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>', b"\xff\xfe<"])
+def test_other_files_are_no_certificate(data: bytes, tmp_path: Path) -> None:
+    (tmp_path / "c.xml").write_bytes(data)
+    with pytest.raises(DataError):
+        verify_certificate(tmp_path / "c.xml", tmp_path)
+
+
+def test_result_of_unknown_origin_has_no_chain(folder: Path) -> None:
+    """A result of an older version names no sources: its certificate is written, and `verify` names what is missing."""
+    path = folder / "result.json"
+    document = json.loads(path.read_text(encoding="utf-8"))
+    del document["sources"]
+    path.write_text(json.dumps(document), encoding="utf-8")
+    (folder / "c.xml").unlink()
+    assert certify(folder).code == 0
+    assert verdict(folder) == "custody-sources"
+
+
+def test_survey_after_loading_is_in_the_chain(folder: Path) -> None:
+    readings = Bench(seed=3, increments=2, errors_times=0.2).survey(passes=(1, 2), joined=True)
+    (folder / "after.csv").write_text(render_readings(readings), encoding="utf-8")
+    assert stepdiag("solve", folder / "after.csv", "--out", folder / "after.json").code == 0
+    (folder / "c.xml").unlink()
+    told = stepdiag(
+        "certificate", folder / "result.json", "--as-left", folder / "after.json", "--laboratory", folder / "laboratory.toml",
+        "--out", folder / "c.xml",
+    )  # fmt: skip
+    assert told.code == 0
+    assert verdict(folder) == ""
+    (folder / "after.csv").write_text("changed", encoding="utf-8")
+    assert verdict(folder) == "custody-changed"
+
+
+def test_signature_is_checked_and_figures_behind_it_too(folder: Path) -> None:
+    key, certificate = _key(folder)
+    (folder / "c.xml").unlink()
+    told = stepdiag(
+        "certificate", folder / "result.json", "--laboratory", folder / "laboratory.toml", "--key", key, "--key-certificate", certificate,
+        "--out", folder / "c.xml",
+    )  # fmt: skip
+    assert told.code == 0
+    schema = etree.XMLSchema(etree.parse(Path(__file__).parents[2] / "data" / "dcc" / "v3.3.0" / "dcc.xsd"))
+    assert schema.validate(etree.parse(folder / "c.xml")), schema.error_log
+    assert stepdiag("verify", folder / "c.xml", "--key-certificate", certificate).code == 0
+    altered(folder / "c.xml", "coverageFactor>2<", "coverageFactor>3<")
+    assert stepdiag("verify", folder / "c.xml", "--key-certificate", certificate).code == 3
+    assert stepdiag("verify", folder / "c.xml").code == 5
+
+
+def _key(folder: Path) -> tuple[Path, Path]:
+    """Make a key and its certificate by hand, as a laboratory's office does with its own."""
+    from datetime import UTC, datetime, timedelta
+
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name, now = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]), datetime.now(UTC)
+    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key()).serial_number(1)
+    made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(now + timedelta(days=1))
+    pem = serialization.Encoding.PEM
+    (folder / "key.pem").write_bytes(key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()))
+    (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
+    return folder / "key.pem", folder / "cert.pem"
+
+
+def test_logs_are_solved_again(tmp_path: Path) -> None:
+    """A recorded survey: its result rests on its logs, packed or not."""
+    folder = finished_survey(tmp_path)
+    told = stepdiag("certificate", folder, "--out", tmp_path / "c.xml")
+    assert told.code == 0, told.refusal
+    found = verify_certificate(tmp_path / "c.xml", tmp_path)
+    assert (found.broken, found.links) == (None, 2)
+    log = next(folder.glob("*.mcap"))
+    log.write_bytes(log.read_bytes()[:-200])
+    assert verdict(tmp_path) == "custody-changed"
