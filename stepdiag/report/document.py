@@ -5,7 +5,6 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 
 import jinja2
@@ -29,7 +28,6 @@ from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
@@ -70,7 +68,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "field": field_figures(result, correction, words) if result.volume.solid else [],
         "measured": measured.setup_figures(layout, words) if layout is not None else [],
         "closure": closure_figures(result, words),
-        "budget": budget_figures(result.budget, _units(result), language),
+        "budget": budget_figures(result.budget, _units(result), words),
     }
     standards = _standards(result, layout, readings)
     tables = {
@@ -82,12 +80,12 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
-        "positioning": sections.positioning_table(standards, words, partial(translated, language=language)),
+        "positioning": sections.positioning_table(standards, words),
         "positioning_lengths": sections.positioning_lengths(standards, words),
         "vdi": sections.vdi_table(standards, words),
         "head": sections.head_table(result, words),
-        "fit": sections.fit_table(result),
-        "assumptions": sections.assumptions_table(result),
+        "fit": sections.fit_table(result, words),
+        "assumptions": sections.assumptions_table(result, words, language),
         "slips": sections.slips_table(result, words),
         "history": sections.history_table(result, words, language),
         "recordings": logs_table(logs, words),
@@ -96,7 +94,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
-        letterhead=letterhead or Letterhead(), left=left, shown=lambda text: translated(text, language) if language != "en" else text,
+        letterhead=letterhead or Letterhead(), left=left,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 

@@ -13,8 +13,8 @@ from stepdiag.base.volume import Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
-from stepdiag.texts.sentences import translated
-from stepdiag.texts.texts import Language
+from stepdiag.report.sections import source_words
+from stepdiag.solver.model.reported import SCALE_SUM
 
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
@@ -99,14 +99,14 @@ def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
     return [Figure(name="closure", title=words["closure"], drawing=drawing, table=csv_table(["axis", "node", "closure_um"], rows))]
 
 
-def budget_figures(budget: Budget | None, units: dict[str, str], language: Language) -> list[Figure]:
+def budget_figures(budget: Budget | None, units: dict[str, str], words: dict[str, str]) -> list[Figure]:
     """Return one bar chart a quantity: its standard uncertainty by source, largest first. Tables keep the sources' own names."""
     figures = []
     for quantity, sources in ({} if budget is None else budget.shares).items():
         bars = sorted(sources.items(), key=lambda item: (-item[1], item[0]))
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
-        title = translated(f"scale of {quantity}" if quantity.lower() in AXES else quantity, language)
-        named = [(translated(source, language), u) for source, u in bars]
+        title = _quantity_words(quantity, words)
+        named = [(source_words(source, words), u) for source, u in bars]
         drawing = charts.bar_chart(named, label=title, unit=UNITS.get(unit, unit))
         figures.append(
             Figure(
@@ -114,6 +114,14 @@ def budget_figures(budget: Budget | None, units: dict[str, str], language: Langu
             )
         )
     return figures
+
+
+def _quantity_words(quantity: str, words: dict[str, str]) -> str:
+    """Return a quantity of the budget in words: a function, what is left of it, a scale, a squareness."""
+    if quantity == SCALE_SUM:
+        return words["scale_sum"]
+    kind, _, name = (f"scale {quantity}" if quantity.lower() in AXES else quantity).rpartition(" ")
+    return words.get(f"quantity_{kind}", quantity).format(name=name)
 
 
 def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:

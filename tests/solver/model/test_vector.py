@@ -162,4 +162,4 @@ def test_a_missing_diagonal_is_named(method):
 def test_other_runs_are_not_used_and_that_is_said():
     found = {finding.key: finding for finding in solve(Bench().survey(), method="least-squares").findings}
     assert "linear-x, linear-y, linear-z" in found["method-limited.runs"].text
-    assert "unidentified.scale" in found
+    assert "unidentified.sum" in found
