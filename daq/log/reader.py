@@ -17,7 +17,7 @@ from mcap.records import Chunk as ChunkRecord
 from mcap.records import McapRecord
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
-from stepdiag.base.errors import DataError
+from stepdiag.base.errors import DataError, system_words
 from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
@@ -97,7 +97,7 @@ class RecordReader:
                 self.path = self.path.with_suffix("")
             return self.path.open("rb")
         except OSError as error:
-            raise DataError(str(self.path), expected="a log", found=error.strerror or str(error)) from error
+            raise DataError(str(self.path), expected="a log", found=system_words(error)) from error
 
 
 def stored_bytes(path: Path) -> int:
@@ -109,7 +109,7 @@ def stored_bytes(path: Path) -> int:
             path = path.with_suffix("")
         return path.stat().st_size
     except OSError as error:
-        raise DataError(str(path), expected="a log", found=error.strerror or str(error)) from error
+        raise DataError(str(path), expected="a log", found=system_words(error)) from error
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from stepdiag.base.messages import message
+from stepdiag.base.errors import system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.log.codec import size_of, time_of, whole_us
 from stepdiag.daq.log.disk_sync import DiskSync
 from stepdiag.daq.log.part_file import PartFile
@@ -43,7 +44,7 @@ class RecorderHealth:
     path: Path | None
     backlog_bytes: int
     lost_events: int
-    reason: str
+    reason: Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ class Recorder:
         self._lost_before_log = 0
         self._loss_told = 0
         self._state: State = "idle"
-        self._reason = ""
+        self._reason: Words = ""
         self._log: _OpenLog | None = None
         self._flush_at = self._sync_at = 0.0
         self._wake = threading.Event()
@@ -272,7 +273,7 @@ class Recorder:
             except FileExistsError:
                 raise
             except OSError as error:
-                self._change("blocked", error.strerror or str(error))
+                self._change("blocked", system_words(error))
                 if self._stopping.wait(RETRY_S):
                     return False
             else:
@@ -280,7 +281,7 @@ class Recorder:
                     self._change("recording", "")
                 return True
 
-    def _change(self, state: State, reason: str) -> None:
+    def _change(self, state: State, reason: Words) -> None:
         if (state, reason) == (self._state, self._reason):
             return
         self._state, self._reason = state, reason

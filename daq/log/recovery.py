@@ -9,7 +9,7 @@ from typing import IO, Any, cast
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import message
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.contents import LogEnd, open_log
@@ -114,7 +114,7 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise UsageError(str(target), expected=message("expects-file-written"), found=error.strerror or str(error)) from error
+        raise UsageError(str(target), expected=message("expects-file-written"), found=system_words(error)) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 

@@ -18,9 +18,9 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
-from stepdiag.base.errors import DataError, DeviceError, UsageError
+from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.messages import Way, message, message_of
+from stepdiag.base.messages import Way, Words, message, message_of
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.contents import open_log
@@ -55,7 +55,7 @@ class FolderLock:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+            raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -69,10 +69,11 @@ class FolderLock:
 
     def require_folder(self) -> None:
         """Raise DeviceError where the folder is no more the one that was taken: unmounted, moved or removed while this process records."""
+        found: Words = message("folder-of-another")
         try:
-            there, found = (self.folder / LOCK).stat(), "another one, without this daemon's lock"
+            there: os.stat_result | None = (self.folder / LOCK).stat()
         except OSError as error:
-            there, found = None, error.strerror or str(error)
+            there, found = None, system_words(error)
         mine = os.fstat(self.descriptor)
         if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
             remedy = message("mount")
@@ -91,7 +92,7 @@ def _sign(descriptor: int, folder: Path) -> None:
     except OSError as error:
         if error.errno != errno.ENOSPC:
             os.close(descriptor)
-            raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+            raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
 
 
 def is_recording(folder: Path) -> bool:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import msgspec
 import structlog
 
-from stepdiag.base.errors import UsageError
+from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import read_bytes
 from stepdiag.base.messages import Words, message
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated, acceptance_of
@@ -143,7 +143,7 @@ def append_line(path: Path, line: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # of a word that is refused nothing may count
             _back_to(path, before)
-        raise UsageError(str(path), expected=message("expects-file-written"), found=error.strerror or str(error)) from error
+        raise UsageError(str(path), expected=message("expects-file-written"), found=system_words(error)) from error
 
 
 def _back_to(path: Path, size: int | None) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import structlog
 
+from stepdiag.base.messages import Words, of_log
 from stepdiag.daq.records.status import Phase
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
@@ -44,7 +45,7 @@ class Finisher:
         self._recorder_idle = asyncio.Event()
         self._recorder_idle.set()
         self.phase: Phase = "starting"
-        self.message = ""
+        self.message: Words = ""
         self.result: Path | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
@@ -79,18 +80,18 @@ class Finisher:
         self._children.add(task)
         task.add_done_callback(self._children.discard)
 
-    async def _run(self, *command: str) -> tuple[int, str]:
+    async def _run(self, *command: str) -> tuple[int, Words]:
         """Return how a child ended and its last words; one after the other, for two would write the same readings."""
         async with self._one:
             child = await asyncio.create_subprocess_exec(*command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE)
             said = (await _said_at_the_end(child)).decode("utf-8", "replace").strip()
-        return child.returncode or 0, said.splitlines()[-1] if said else ""
+        return child.returncode or 0, _of_line(said.splitlines()[-1] if said else "")
 
     async def _tabulate(self, folder: Path, then: Callable[[], None]) -> None:
         await self._recorder_idle.wait()
         code, said = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
         if code:
-            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=said)
+            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(said))
         then()
 
     async def _finish(self, folder: Path) -> None:
@@ -102,9 +103,9 @@ class Finisher:
         self._tally.solve_s = time.monotonic() - began_s
         self._tally.surveys[code] += 1
         if code == 0:
-            _log.info("survey-complete", folder=str(folder), exit_code=0, message=self.message)
+            _log.info("survey-complete", folder=str(folder), exit_code=0, message=str(self.message))
         else:
-            _log.error("survey-open", folder=str(folder), exit_code=code, reason=self.message)
+            _log.error("survey-open", folder=str(folder), exit_code=code, reason=str(self.message))
         self._on_done(folder, code == 0)
         await self._keep_budget(folder.parent)
 
@@ -115,6 +116,14 @@ class Finisher:
                 *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL
             )
             await _said_at_the_end(child)
+
+
+def _of_line(line: str) -> Words:
+    """Return the message in the last line of a child; a line of another program as it stands."""
+    try:
+        return of_log(line, line)
+    except ValueError:
+        return line
 
 
 async def _said_at_the_end(child: asyncio.subprocess.Process) -> bytes:

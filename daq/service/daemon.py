@@ -317,7 +317,7 @@ class Daemon:
     def _recorder_changed(self, health: RecorderHealth) -> None:
         """Hear of the recorder, in its own thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
-        fields = {"state": health.state, "reason": health.reason, "path": str(health.path), "lost_events": health.lost_events}
+        fields = {"state": health.state, "reason": str(health.reason), "path": str(health.path), "lost_events": health.lost_events}
         if health.state in ("blocked", "dead"):
             _log.error("recorder", **fields)
         elif self._blocked:

@@ -104,4 +104,4 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
 
 
 def _read(path: Path, source: str) -> bytes:
-    return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=f"a readable file {path.name}", blame=UsageError)
+    return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=path.name), blame=UsageError)

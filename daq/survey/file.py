@@ -54,8 +54,8 @@ def parse_survey(text: str, source: str) -> Survey:
 
 def read_text(path: Path) -> str:
     """Return the text of a survey file, byte for byte as it goes into the log."""
-    remedy = "`stepdiag init` writes one to start from"
-    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected="a survey file", remedy=remedy, blame=UsageError)
+    remedy = message("init-writes-one")
+    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected=message("a-survey-file"), remedy=remedy, blame=UsageError)
     return as_text(data, str(path), UsageError)
 
 

@@ -19,7 +19,7 @@ from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import NotNegative, Positive, Text
 
 Pair = tuple[float, float]
-Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]
+Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description="a-day")]
 MOST_COEFFICIENTS = 20
 DetectorName = Literal["qd", "psd1", "psd2"]
 AxisName = Literal["x", "y"]

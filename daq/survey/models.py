@@ -27,7 +27,7 @@ Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
 Line = Annotated[
     str,
-    Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"),
+    Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one-line-of-text"),
 ]
 """What a report says in a line of its own cannot become several."""
 Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
@@ -39,14 +39,12 @@ FileName = Annotated[
     str,
     Meta(
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z",
-        description="a name of letters, digits, dot, dash and underscore (at most 64, a letter or digit first)",
+        description="name-safe-as-folder",
     ),
 ]
 """A name that is safe as a folder on any file system."""
-HostName = Annotated[
-    str, Meta(pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="a name of a computer, such as mill.example.org")
-]
-BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="the name of a file, of at most 100 characters")]
+HostName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="name-of-computer")]
+BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
 
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):

@@ -44,7 +44,7 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
     chain: str | None = None
-    negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description='axes such as "XY"')] = ""
+    negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description="axes-such-as")] = ""
     cross_sense: Sense | None = None
     master_word: Literal["slave_ax_nr", "master_ax_nr"] = "slave_ax_nr"
     decimals: Annotated[int, msgspec.Meta(ge=4, le=7)] = 5

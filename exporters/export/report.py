@@ -56,7 +56,7 @@ def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     yield f"  {'':<30}{'rms':>16}{'largest':>16}"
     for name, figures in prediction.predicted.parts().items():
         for when, found in figures.items():
-            yield f"  {name + ', ' + when:<30}{found.rms_um.words():>16}{found.largest_um.bound():>16}"
+            yield f"  {name + ', ' + when:<30}{found.rms_um.words()!s:>16}{found.largest_um.bound()!s:>16}"
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
     yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"

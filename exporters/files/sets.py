@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.errors import DataError, SafetyError, UsageError, system_words
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
 from stepdiag.base.messages import Words, message
 from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
@@ -38,7 +38,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
         if not _stands_there(target, everything):
             _place(target, everything)
     except OSError as error:
-        raise UsageError(str(folder), expected=message("expects-written"), found=error.strerror or str(error)) from error
+        raise UsageError(str(folder), expected=message("expects-written"), found=system_words(error)) from error
     return tuple(file.name for file in everything)
 
 

@@ -56,7 +56,7 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
     generation: Generation
     chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
-    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="a name such as CONFIG.CMA")] = "CONFIG.CMA"
+    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="name-such-as-cma")] = "CONFIG.CMA"
 
 
 _TEMPLATE = """\

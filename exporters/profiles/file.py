@@ -71,7 +71,9 @@ def load_profile(path: Path, controller: Controller, volume: Volume | None) -> P
     named = machine.get("existing", []) if isinstance(machine, dict) else []
     field = f"{path.name}: machine.existing"
     files = {
-        name: read_bytes(path.parent / name, field, largest=LARGEST_TABLE_BYTES, expected=f"a readable file {name}", blame=UsageError)
+        name: read_bytes(
+            path.parent / name, field, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=name), blame=UsageError
+        )
         for name in (named[:MOST_EXISTING] if isinstance(named, list) else [])
         if isinstance(name, str)
     }
@@ -80,7 +82,7 @@ def load_profile(path: Path, controller: Controller, volume: Volume | None) -> P
 
 def read_profile_text(path: Path) -> str:
     """Return the text of a profile file. Raises ``UsageError`` where it cannot be read, is too large to be one, or is not UTF-8."""
-    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected="a readable profile (TOML, UTF-8)", blame=UsageError)
+    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected=message("readable-profile"), blame=UsageError)
     return as_text(data, str(path), UsageError)
 
 

@@ -59,7 +59,8 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unanswered.profile`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        yield finding("warning", message("compensation-unanswered.profile", state=profile.machine.measured_with))
+        state = message("state-on") if profile.machine.measured_with == "on" else message("state-off")
+        yield finding("warning", message("compensation-unanswered.profile", state=state))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
 
@@ -97,7 +97,7 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
     return last
 
 
-def require_full_effect(file: ControlFile, table: str, switches: Iterable[str], weight: str) -> None:
+def require_full_effect(file: ControlFile, table: Message, switches: Iterable[str], weight: str) -> None:
     """Raise ``DataError`` where a part program leaves a table that says something switched off, or weighs it.
 
     ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``; the last assignment counts.

@@ -35,9 +35,7 @@ CHANGE_UM_M = 80.0
 """Growth of a poor machine (60 um/m, k = 1) and the drift beside it."""
 SHORTEST_TRAVEL_MM = 500.0
 """Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 200, 400 and 40 um."""
-AxisName = Annotated[
-    str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="a name of letters, digits and underscore, a letter first")
-]
+AxisName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")]
 """It stands in files for the control and in the names of some: nothing in it may be taken for anything else."""
 Line = Annotated[
     str,
@@ -46,7 +44,7 @@ Line = Annotated[
     ),
 ]
 """What a report says in a line of its own cannot become several."""
-PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="the name of a file, of at most 100 characters")]
+PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

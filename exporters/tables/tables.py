@@ -11,12 +11,32 @@ from typing import Literal
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 
 Sense = Literal["as-error", "as-compensation"]
+_SPOTS: Mapping[str, Message] = {
+    "axis": message("spot-axis-name"),
+    "table": message("spot-table"),
+    "first point": message("spot-first-point"),
+    "pair": message("spot-pair"),
+    "first data": message("spot-first-data"),
+    "scale": message("spot-scale"),
+    "measuring system": message("spot-system"),
+    "points": message("spot-points"),
+    "coefficient": message("spot-coefficient"),
+    "file": message("spot-file"),
+    "list": message("spot-list"),
+    "column": message("spot-column"),
+    "set": message("spot-set"),
+}
+"""Where a table stands in its control or file, in words."""
+
+
+def _spot(what: str) -> Words:
+    return _SPOTS.get(what, what)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,10 +127,11 @@ class Table:
         return f"E{self.output_axis}{self.input_axis}{by}"
 
     @property
-    def label(self) -> str:
+    def label(self) -> Message:
         """Return a name for messages: function, kind, direction and place."""
-        way = {0: "", 1: ", + direction", -1: ", - direction"}[self.direction]
-        return f"{self.name} ({self.kind}{way}{''.join(f', {k} {v}' for k, v in self.place.items())})"
+        way = [message("table-direction", sign=f"{self.direction:+d}"[0])] if self.direction else []
+        spots = [message("table-spot", what=_spot(what), where=str(where)) for what, where in self.place.items()]
+        return message("table-label", function=self.name, parts=[self.kind, *way, *spots])
 
     @property
     def identity(self) -> tuple[object, ...]:

@@ -194,7 +194,7 @@ class _Task:
             "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
         }
         if self.beside["angle origin"].shape[1]:
-            text = "a head's angles are relative to the first position: its error is in all the others"
+            text = message("assumed-angle-origin")
             nothing = np.zeros((len(layout), self.beside["angle origin"].shape[1]))
             self.effects.append(Effect(name="angle origin", text=text, pattern_um=nothing))
         self.sizes = Sizes(np.ones(0), np.ones(0, dtype=np.bool_))

@@ -110,7 +110,7 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 
 def effects_for(layout: Layout, suspicion: Suspicion) -> list[Effect]:
     """Return what the adjustment has to leave open from now on: a decided cause entirely, a possible one by its size."""
-    text = str(name_suspicion(layout, suspicion).words)
+    text = name_suspicion(layout, suspicion).words
     if suspicion.wanders:
         patterns = [wander.pattern(len(layout)) for wander in suspicion.wanders]
         return [Effect(name="wandering pass", text=text, pattern_um=np.hstack(patterns))]

@@ -8,7 +8,7 @@ import numpy as np
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import Message, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.result.members import Backlash, Backlashes, Fit, Length
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Vector
@@ -183,7 +183,7 @@ def solve_estimate(
         setups=reports,
         findings=(*findings, *coarse_findings(errors), *head_findings(of_head)),
     )
-    texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
+    texts: dict[str, Words] = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
     if layout.volume.solid:
         result = _over_the_volume(result, done, resolved)
     return replace(
@@ -218,8 +218,8 @@ def _barely_seen(done: Estimate) -> Spread:
     return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
 
 
-def _noise_text(found: Adjustment) -> str:
-    return f"each stop's own standard uncertainty, and a machine that comes back to a target within {found.assumed.repeatability_um:g} um"
+def _noise_text(found: Adjustment) -> Message:
+    return message("assumed-readings", repeatability_um=found.assumed.repeatability_um)
 
 
 def _quantity(number: tuple[float, float, float] | None) -> Quantity:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.interval import Predicted
 from stepdiag.base.result.members import Budget, Drawn, MonteCarlo
@@ -128,7 +128,7 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
 
 
 def budget(
-    spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector, texts: Mapping[str, str]
+    spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector, texts: Mapping[str, Words]
 ) -> Budget:
     """Return the budget (k = 1): what was assumed, the shares per function or number by source, and their combination.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.solver.model.design import between_nodes
@@ -89,7 +90,7 @@ def effect_between(layout: Layout, between: Between) -> Effect:
         rows = np.flatnonzero(off[:, axis])
         place = _places(between.of(name).position_mm, layout.position_mm[rows, axis])
         pattern[rows, between.causes_of(name)] = layout.direction[rows, component, None] * between.of(name).basis[place]
-    text = "readings off the nodes see what a function does beside the straight line between them: unknowns of their own"
+    text = message("assumed-between")
     return Effect(name=BETWEEN, text=text, pattern_um=pattern, sought=True)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.conditions.expansion import REFERENCE_TEMPERATURE_C
+from stepdiag.base.messages import Words, message
 from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.design import rotation_coefficients
@@ -45,7 +46,7 @@ class Effect:
     """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in them, what was assumed."""
 
     name: str
-    text: str
+    text: Words
     pattern_um: Vector
     sought: bool = False
 
@@ -125,9 +126,8 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
         axis, component = divmod(ROTATIONS.index(name), 3)
         share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis]
         pattern[:, shapes.causes_of(name)] = size * arms[:, axis, component, None] * shapes.at(share)
-    sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
-    text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"
-    short = f"their half waves from number {LONG_WAVES + 1} on, of a size of their own"
+    text = message("assumed-angles", sizes=[f"{size:g}" for size in sorted(set(shapes.range_urad))])
+    short = message("assumed-short-angles", number=LONG_WAVES + 1)
     return (
         Effect(name=ANGLES, text=text, pattern_um=pattern[:, : shapes.long], sought=True),
         Effect(name=SHORT_ANGLES, text=short, pattern_um=pattern[:, shapes.long :], sought=True),
@@ -159,7 +159,7 @@ def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
     """Return a ramp for each unbroken count; where the return pass lets the adjustment find the ramp, its price is nil."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
-    return Effect(name="drift", text=f"a ramp of {assumed.drift_um:g} um in a pass", pattern_um=pattern, sought=True)
+    return Effect(name="drift", text=message("assumed-drift", drift_um=assumed.drift_um), pattern_um=pattern, sought=True)
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
@@ -171,7 +171,7 @@ def _wander(layout: Layout, assumed: Assumptions) -> Effect:
     turns = np.pi * (np.arange(WANDER_WAVES) + 0.5)
     waves = [np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn for turn in turns]
     pattern = assumed.wander_um * np.hstack([_by(layout.offset_index, wave) for wave in waves])
-    text = f"beside the ramp, a pass wanders by {assumed.wander_um:g} um"
+    text = message("assumed-wander", wander_um=assumed.wander_um)
     return Effect(name="wander", text=text, pattern_um=pattern, sought=True)
 
 
@@ -186,10 +186,10 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
     size_um_m = float(np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m]))
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
-    text = (
-        f"from setup to setup the machine warms by {assumed.setup_c:g} C unseen, the air changes by {1e6 * assumed.index_setup:g} ppm, "
-        f"beams within {assumed.alignment_mrad:g} mrad: {size_um_m:.2g} um/m"
-    )
+    text = message(
+        "assumed-setup-scale",
+        warm_c=assumed.setup_c, air_ppm=1e6 * assumed.index_setup, beam_mrad=assumed.alignment_mrad, size_um_m=size_um_m,
+    )  # fmt: skip
     return Effect(name=SETUP_SCALE, text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), sought=True)
 
 
@@ -204,7 +204,7 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
     along_m = np.concatenate([1e-3 * travel_mm(layout), beside_m], axis=1)
     pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(len(layout), -1)
-    text = f"each axis grows by {assumed.growth_um_m:g} um/m while it warms, within minutes or hours"
+    text = message("assumed-growth", growth_um_m=assumed.growth_um_m)
     return Effect(name=GROWTH, text=text, pattern_um=pattern, sought=True)
 
 
@@ -230,7 +230,7 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
     still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
     size_um = BACKLASH * assumed.repeatability_um
     pattern = -size_um * layout.direction * layout.approach * still
-    text = f"an axis comes to its first stop of a pass from the other side: backlash of {size_um:.2g} um"
+    text = message("assumed-first-stops", size_um=size_um)
     return Effect(name=FIRST_STOPS, text=text, pattern_um=pattern, sought=True)
 
 
@@ -250,7 +250,7 @@ def _registers(layout: Layout) -> Effect:
         within[:, axis] = scatter - between[:, axis]
     pattern = -1e3 * np.column_stack([np.sum(each * layout.direction, axis=1) for each in (within, between)])
     pattern = pattern[:, np.sqrt(np.mean(pattern**2, axis=0)) > LEAST_SCATTER_UM] if len(layout) else pattern[:, :0]
-    return Effect(name="registers", text="positions may scatter in the registers alone", pattern_um=pattern)
+    return Effect(name="registers", text=message("assumed-registers"), pattern_um=pattern)
 
 
 def _beside_program_mm(layout: Layout, axis: int) -> Vector:
@@ -271,7 +271,7 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
     """Return the one error of the air's index and the wavelength, which no closure shows."""
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
-    text = f"index of air and wavelength known to {assumed.index * 1e6:g} ppm, one error for the whole survey"
+    text = message("assumed-air", index_ppm=assumed.index * 1e6)
     return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
 
 
@@ -285,5 +285,5 @@ def _material(layout: Layout, assumed: Assumptions) -> Effect:
     by_temperature = along_m * np.array(assumed.expansion_um_m_c) * assumed.u_material_c
     levelled = 1e-3 * counted_mm(layout) * excess_c(layout, assumed)[:, None]
     by_coefficient = (along_m * excess + levelled) * assumed.u_expansion_um_m_c
-    text = f"temperature of each axis known to {assumed.u_material_c:g} C, its coefficient to {assumed.u_expansion_um_m_c:g} um/m/C"
+    text = message("assumed-material", u_c=assumed.u_material_c, u_um_m_c=assumed.u_expansion_um_m_c)
     return Effect(name="material temperature", text=text, pattern_um=np.hstack([by_temperature, by_coefficient]))

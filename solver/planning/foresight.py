@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.messages import Words, message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.prediction import BELOW, BETWEEN_SHARE, TAIL
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
@@ -70,16 +71,13 @@ class Foresight:
         surveys; infinite where nothing tells it, None without a diagonal."""
         return None if self.unseen is None else self.slips(self.unseen)
 
-    def hides(self) -> str:
+    def hides(self) -> Words:
         """Return in words what the slip that is seen least may be and make; empty without a diagonal."""
         if self.unseen is None or self.unseen_volume_um is None:
             return ""
         if not np.isfinite(self.unseen.u_um):
-            return "a slip of the laser's count of any size could hide in a diagonal"
-        return (
-            f"a slip of the laser's count of {self.unseen.half_um:.2g} um could hide in a diagonal in every second survey "
-            f"and make {self.unseen_volume_um:.2g} um of the volume's errors (rms)"
-        )
+            return message("slip-hidden-any")
+        return message("slip-hidden", half_um=self.unseen.half_um, volume_um=self.unseen_volume_um)
 
     @cached_property
     def left_um(self) -> Interval:

@@ -40,7 +40,7 @@ def _header(number: int, line: str, source: str, required: Sequence[str], alias:
     names = [alias.get(name, name) for name in _split(number, line, source)]
     missing = [name for name in required if name not in names]
     if missing:
-        raise DataError(where, expected="the columns " + ",".join(required), found="no column " + ", ".join(missing))
+        raise DataError(where, expected=message("the-columns", names=",".join(required)), found=message("no-columns", names=missing))
     twice = sorted(name for name, count in Counter(names).items() if count > 1 and name)
     if twice:
         raise DataError(where, expected=message("every-column-once"), found=message("named-twice", twice=repr(twice[0])))

@@ -10,9 +10,11 @@ The tree stands on the lowest floor so that every floor can raise from it. Only 
 cause into an exit code.
 """
 
+import errno
+import os
 from typing import cast
 
-from stepdiag.base.messages import Words, message
+from stepdiag.base.messages import Message, Words, message, message_of
 
 
 class StepdiagError(Exception):
@@ -51,3 +53,15 @@ class SafetyError(StepdiagError, ValueError):
     def __init__(self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = "") -> None:
         super().__init__(where, expected=expected, found=found, remedy=remedy)
         self.code = code
+
+
+def _of_the_system(code: int) -> Message | None:
+    return message_of({"key": f"os-{errno.errorcode.get(code, 'E')[1:].lower()}", "arguments": {}})
+
+
+def system_words(error: Exception | int) -> Words:
+    """Return what the operating system refused, by its number: a message for those that people meet, else the system's own words."""
+    code = error if isinstance(error, int) else getattr(error, "errno", None)
+    if code is None:
+        return str(error)
+    return _of_the_system(code) or (os.strerror(code) if isinstance(error, int) else getattr(error, "strerror", None) or str(error))

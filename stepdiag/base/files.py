@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.errors import DataError, UsageError, system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.base.part import folder_made, part_of, publish_new, undone_on_failure, write_through
 
 LARGEST_BYTES = 64_000_000
@@ -29,8 +29,8 @@ def read_bytes(
     where: str = "",
     *,
     largest: int = LARGEST_BYTES,
-    expected: str = "a readable file",
-    remedy: str = "",
+    expected: Words = message("readable-file"),  # noqa: B008
+    remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
     """Return the bytes of a file; ``where`` is the field that names it, if one does: it is then to be a file and no terminal or pipe.
@@ -43,11 +43,11 @@ def read_bytes(
         with path.open("rb") as file:
             data = file.read(largest + 1)
     except OSError as error:
-        raise UsageError(where or str(path), expected=expected, found=error.strerror or str(error), remedy=remedy) from error
+        raise UsageError(where or str(path), expected=expected, found=system_words(error), remedy=remedy) from error
     except ValueError as error:  # a NUL in the name
         raise UsageError(where or repr(str(path)), expected=expected, found=str(error), remedy=remedy) from error
     if len(data) > largest:
-        raise blame(where or str(path), expected=f"{path.name} of at most {largest} bytes", found="more")
+        raise blame(where or str(path), expected=message("file-of-at-most", name=path.name, most=largest), found=message("found-more"))
     return data
 
 
@@ -56,7 +56,7 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise blame(where, expected="text in UTF-8", found=f"byte {error.start} is not") from error
+        raise blame(where, expected=message("text-in-utf-8"), found=message("byte-is-not", number=error.start)) from error
 
 
 def read_text(path: Path) -> str:
@@ -110,7 +110,7 @@ def write_new(path: Path, text: str) -> None:
         path.parent.stat()  # of a folder that is not there the name is wrong
         write_once(path, text)
     except OSError as error:
-        raise UsageError(str(path), expected=message("file-can-be-written"), found=error.strerror or str(error)) from error
+        raise UsageError(str(path), expected=message("file-can-be-written"), found=system_words(error)) from error
 
 
 def refuse_file_name(out: Path, expected: str = "a folder") -> None:

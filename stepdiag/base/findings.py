@@ -6,7 +6,6 @@ from typing import Any
 
 from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
 from stepdiag.texts.explained import Action, Severity, accepted, finding_action
-from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import findings as finding_keys
 from stepdiag.texts.texts import Language
 
@@ -76,9 +75,12 @@ class Finding:
 
 
 def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
-    """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was found, by default its own."""
+    """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was found, by default its own.
+
+    The text of an old log or result stands as it is.
+    """
     if found.message is None:
-        return sentence(found.code, found.text, language, stops)
+        return found.text
     own = () if found.stop is None else (found.stop,)
     return rendered(at(found.place, found.message, sorted(set(stops)) or own), language)
 

@@ -14,8 +14,7 @@ from typing import Any, Literal
 
 from stepdiag.texts.patterns import Kind, Slot, sentences, slots
 from stepdiag.texts.ranges import ranges
-from stepdiag.texts.sentences import translated
-from stepdiag.texts.texts import LANGUAGES, Language
+from stepdiag.texts.texts import LANGUAGES, Language, localised
 
 Way = Literal["", "out", "back"]
 
@@ -107,9 +106,9 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
 
 
 def rendered(words: Words, language: Language) -> str:
-    """Return a message in words of a language; a text as it stands, or translated where the program of before composed it."""
+    """Return a message in words of a language; a text as it stands but for its decimal comma."""
     if isinstance(words, str):
-        return translated(words, language)
+        return localised(words, language)
     known = sentences().get(words.key)
     if known is None or slots(words.key).keys() != words.arguments.keys():  # of a log of another version, without its text
         return words.key

@@ -19,17 +19,17 @@ from msgspec import inspect
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.dotted_names import longer_than
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import Message, Words, excerpt, message
+from stepdiag.base.messages import Message, Words, excerpt, message, message_of
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 
 UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
-_PLAIN: dict[type[inspect.Type], str] = {
-    inspect.BoolType: "true or false",
-    inspect.DictType: "a table",
-    inspect.StructType: "a table",
-    inspect.DateType: "a date such as 2026-05-31",
+_PLAIN: dict[type[inspect.Type], Message] = {
+    inspect.BoolType: message("true-or-false"),
+    inspect.DictType: message("a-table"),
+    inspect.StructType: message("a-table"),
+    inspect.DateType: message("a-date", example="2026-05-31"),
 }
 
 
@@ -49,7 +49,7 @@ def require_answers(data: object, source: str) -> None:
     """Raise ``UsageError`` that lists every question of a template that is not answered yet."""
     questions = list(_unanswered(data, ""))
     if questions:
-        remedy = "still to be answered: " + ", ".join(questions)
+        remedy = message("unanswered", names=questions)
         raise UsageError(f"{source}: {questions[0]}", expected=message("an-answer"), found=f'"{UNANSWERED}"', remedy=remedy)
 
 
@@ -59,10 +59,10 @@ def convert(data: object, model: type[Model], source: str, at: str = "") -> Mode
     return msgspec.convert(data, model)
 
 
-def nearest(word: str, known: list[str]) -> str:
+def nearest(word: str, known: list[str]) -> Message:
     """Return a remedy that names the nearest known word, or all of them."""
     close = _close(word, known)
-    return f"did you mean {close}?" if close else "known names: " + ", ".join(known)
+    return message("did-you-mean-near", near=close) if close else message("known-names", names=known)
 
 
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
@@ -75,38 +75,35 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
 
 def refuse(source: str, field: str, expected: Words, found: object, remedy: Words = "") -> UsageError:
     """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found "fast"``."""
-    shown = found if isinstance(found, Message) else show(found)
+    shown = found if isinstance(found, Message) else message("a-table") if isinstance(found, dict) else show(found)
     return UsageError(f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy)
 
 
 def show(value: object) -> str:
     """Return a value as it would stand in the file; what is long is cut."""
-    if isinstance(value, dict):
-        return "a table"
     return excerpt(json.dumps(value, ensure_ascii=False, default=str))
 
 
-def expectation(info: inspect.Type) -> str:
+def expectation(info: inspect.Type) -> Words:
     """Return what a field asks for in words: ``a number above 0``, ``one of "E", "N", "O"``.
 
-    A text with a pattern says it in the ``description`` of its ``Meta``.
+    The ``description`` in the ``Meta`` of a text with a pattern is the key of a message.
     """
     match info:
         case inspect.LiteralType():
-            return "one of " + ", ".join(show(value) for value in sorted(info.values, key=str))
+            return message("expects-one-of", names=[show(value) for value in sorted(info.values, key=str)])
         case inspect.IntType() | inspect.FloatType():
-            return ("a whole number" if isinstance(info, inspect.IntType) else "a number") + _limits(info)
-        case inspect.Metadata(extra_json_schema={"description": str(words)}):
-            return words
+            return _limited(message("whole-number") if isinstance(info, inspect.IntType) else message("a-number"), info)
+        case inspect.Metadata(extra_json_schema={"description": str(key)}):
+            return message_of({"key": key, "arguments": {}}) or key
         case inspect.StrType():
-            return "a text that is not empty" if info.min_length else "a text"
+            return message("a-text-not-empty") if info.min_length else message("a-text")
         case inspect.TupleType():
-            return f"{len(info.item_types)} values, each {expectation(info.item_types[0])}"
-        case inspect.VarTupleType():
-            return f"a list, each {expectation(info.item_type)}"
-        case inspect.ListType():
-            count = f" of {info.min_length}" if info.min_length and info.min_length == info.max_length else ""
-            return f"a list{count}, each {expectation(info.item_type)}"
+            return message("values-each", count=len(info.item_types), kind=expectation(info.item_types[0]))
+        case inspect.ListType() if info.min_length and info.min_length == info.max_length:
+            return message("list-of-each", count=info.min_length, kind=expectation(info.item_type))
+        case inspect.ListType() | inspect.VarTupleType():
+            return message("list-each", kind=expectation(info.item_type))
         case _:
             return _PLAIN[type(info)]
 
@@ -184,9 +181,12 @@ def _check_leaf(value: object, hint: Any, source: str, path: str) -> None:
         raise refuse(source, path, expectation(inspect.type_info(hint)), value)
 
 
-def _limits(info: inspect.IntType | inspect.FloatType) -> str:
+def _limited(kind: Message, info: inspect.IntType | inspect.FloatType) -> Message:
+    """Return the kind of number with its limits."""
     if info.ge is not None and info.le is not None:
-        return f" from {info.ge:g} to {info.le:g}"
-    bounds = (("above {:g}", info.gt), ("of {:g} or more", info.ge), ("at most {:g}", info.le), ("below {:g}", info.lt))
-    limits = [words.format(bound) for words, bound in bounds if bound is not None]
-    return " " + " and ".join(limits) if limits else ""
+        return message("number-from-to", kind=kind, low=info.ge, high=info.le)
+    limits = [message("limit-above", limit=info.gt)] if info.gt is not None else []
+    limits += [message("limit-or-more", limit=info.ge)] if info.ge is not None else []
+    limits += [message("limit-at-most", limit=info.le)] if info.le is not None else []
+    limits += [message("limit-below", limit=info.lt)] if info.lt is not None else []
+    return message("number-limited", kind=kind, limits=limits) if limits else kind

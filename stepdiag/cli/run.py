@@ -36,11 +36,15 @@ def complete(folder: Path, readings: Annotated[bool, typer.Option("--readings", 
     if readings:
         leave_readings([folder], folder)
         return
+    from stepdiag.base.messages import joined, kept, message
     from stepdiag.report.completed import write_completed_report
+    from stepdiag.terminal.exits import refusals_shown
 
-    done = finish([folder], folder)
-    write_completed_report(done)
-    refused = "; ".join(f"export for {name} refused: {why}" for name, why in done.refusals.items())
+    # the daemon reads the last line as a message
+    with refusals_shown(kept):
+        done = finish([folder], folder)
+        write_completed_report(done)
+    refused = kept(joined([message("export-refused", control=name, why=why) for name, why in done.refusals.items()]))
     typer.echo(refused or f"result in {done.folder}", err=bool(refused))
 
 

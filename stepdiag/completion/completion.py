@@ -17,7 +17,7 @@ import msgspec
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
-from stepdiag.base.messages import joined, message
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
@@ -54,7 +54,7 @@ class Completed:
     recorded: Path
     result: Result
     exports: tuple[ExportReport, ...]
-    refusals: dict[str, str]
+    refusals: dict[str, Words]
     language: Literal["en", "de"] = "en"
     """The survey's, for what people read."""
 
@@ -263,8 +263,8 @@ def _text(replayed: Replayed, name: str) -> str:
     return as_text(data, name)
 
 
-def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[ExportReport, ...], dict[str, str]]:
-    written, refusals = [], {}
+def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[ExportReport, ...], dict[str, Words]]:
+    written, refusals = [], dict[str, Words]()
     for wanted in replayed.survey.exports:
         folder = out / wanted.controller
         try:
@@ -273,7 +273,9 @@ def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[Ex
             profile = parse_profile(_text(replayed, wanted.profile), wanted.profile, control, result.volume, tables)
             written.append(export(result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)))
         except (SafetyError, UsageError, DataError) as error:
-            refusals[wanted.controller] = f"{error} [{error.code}]" if isinstance(error, SafetyError) else str(error)
+            refusals[wanted.controller] = (
+                message("refusal-with-code", refusal=error.message, code=error.code) if isinstance(error, SafetyError) else error.message
+            )
             _leave_reason(folder, error)
     return tuple(written), refusals
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.readings.runs import Pace, Plan, Run
 from stepdiag.base.volume import MOST_INCREMENTS
@@ -44,8 +45,7 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
         return
     if hides := forecast(planned(survey), circumstances(survey)).ahead.hides():
-        cure = "drive out and back (return_pass = true), or each setup twice (repeats = 2)"
-        yield Finding(code="plan-hides", severity="info", text=f"each setup is driven once: {hides}; to see it, {cure}")
+        yield finding("info", message("plan-hides.slip", hides=hides))
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
@@ -62,9 +62,10 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
         return
     finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
     better = next((n for n in finer if not any(_in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
-    cure = "" if better is None else f"; increments = {better} shows them"
-    text = f"steps of {', '.join(hidden)} do not show waves of the screw's pitch of {pitch_mm:g} mm{cure}"
-    yield Finding(code="plan-hides", severity="info", text=text)
+    if better is None:
+        yield finding("info", message("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm))
+    else:
+        yield finding("info", message("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better))
 
 
 def _in_step(step_mm: float, pitch_mm: float) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import Words
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of
@@ -32,10 +33,10 @@ class Export:
     the stretches in which the machine would err more with its files than without."""
 
     controller: str
-    refused: str = ""
+    refused: Words = ""
     untested: tuple[str, ...] = ()
     reach: Reach | None = None
-    harmed: tuple[str, ...] = ()
+    harmed: tuple[Words, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,9 +65,9 @@ def export_of(written: ExportReport) -> Export:
     return Export(controller=written.controller, untested=untested, reach=reach, harmed=harmed_in(written.findings))
 
 
-def harmed_in(findings: Iterable[Finding]) -> tuple[str, ...]:
+def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
     """Return the findings about stretches in which files harm, of the findings of an export or of `verify`."""
-    return tuple(str(one.words) for one in findings if one.code == STRETCH)
+    return tuple(one.words for one in findings if one.code == STRETCH)
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:

@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from stepdiag.base.errors import UsageError
+from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import write_atomically
 from stepdiag.daemon.program_places import at_its_places, places_of_program
 from stepdiag.daq.links.ports.address import network_line
@@ -71,9 +71,7 @@ def carry_out(steps: list[Step]) -> None:
         try:
             _do(step)
         except OSError as error:
-            raise UsageError(
-                str(step.path), expected="a place that can be written (as root)", found=error.strerror or str(error)
-            ) from error
+            raise UsageError(str(step.path), expected="a place that can be written (as root)", found=system_words(error)) from error
 
 
 def drop_in(survey: Survey, folder: Path) -> str:

@@ -80,7 +80,9 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
             signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
     lever, findings = _common_lever(list(axes.values()))
     remarks = tuple(
-        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.words}") for axis, found in axes.items() for one in found.findings
+        finding(one.severity, message("in-run", run=axis, what=one.words), code=one.code)
+        for axis, found in axes.items()
+        for one in found.findings
     )
     return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
 

@@ -83,11 +83,9 @@ def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, Kno
         if known.position_mm[0] <= nodes[0] + POSITION_TOLERANCE_MM and known.position_mm[-1] >= nodes[-1] - POSITION_TOLERANCE_MM:
             whole[name] = known
             continue
-        reach = f"{known.position_mm[0]:g} to {known.position_mm[-1]:g} mm"
-        text = (
-            f"{name} is known from {reach} only, of {nodes[0]:g} to {nodes[-1]:g} mm: it is not used; drive the run again with a free beam"
-        )
-        findings.append(Finding(code="fourdof-beam-blocked", severity="warning", text=text))
+        first_mm, last_mm = known.position_mm[[0, -1]]
+        partly = message("fourdof-beam-blocked.partly", name=name, low=first_mm, high=last_mm, first=nodes[0], last_mm=nodes[-1])
+        findings.append(finding("warning", partly))
     return whole, tuple(findings)
 
 
@@ -102,6 +100,7 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
 
 def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
     name = f"{each.route.setup} pass {each.number}"
+    place = message("setup-pass", setup=each.route.setup, number=each.number)
     axis = AXES.index(each.route.travel.axis)
     run = section.run_along(AXES[axis])
     stops = list(each.chosen().values())
@@ -118,17 +117,16 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
         time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
         u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
     )
-    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.words}") for one in found.findings)
+    findings = tuple(finding(one.severity, message("in-run", run=place, what=one.words), code=one.code) for one in found.findings)
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
-        text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"
-        return _PassSeen(straightness=(), turns={}, findings=(*findings, Finding(code="fourdof-beam-blocked", severity="error", text=text)))
+        dark = finding("error", message("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops)))
+        return _PassSeen(straightness=(), turns={}, findings=(*findings, dark))
     shift_um = survey.uncertainty.source_shift_um
     seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file, shift_um))
     if not qd_only:
         return replace(seen, findings=findings)
-    text = f"{name}: the head has a QD only: no pitch and yaw, and the straightness holds the drift of the laser's pointing"
-    return replace(seen, turns={}, findings=(*findings, Finding(code="fourdof-uncompensated", severity="warning", text=text)))
+    return replace(seen, turns={}, findings=(*findings, finding("warning", message("fourdof-uncompensated.qd", run=place))))
 
 
 def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise") -> _PassSeen:

@@ -22,7 +22,8 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from stepdiag.base.errors import DeviceError, StepdiagError
+from stepdiag.base.errors import DeviceError, StepdiagError, system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import CommandName, Download
 from stepdiag.daq.records.survey_folder import CONCLUSION
 from stepdiag.exporters.files.sets import zip_of
@@ -57,7 +58,7 @@ class Daemon(Protocol):
     async def picture(self) -> Picture:
         """Return the present state. Raises DeviceError where the daemon does not say it."""
 
-    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> str:
+    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
         """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
 
     def say_guesses(self, address: str, count: int) -> None:
@@ -91,7 +92,7 @@ class Page:
         """Answer the words of one language."""
         language = next((known for known in LANGUAGES if known == request.path_params["language"]), None)
         if language is None:
-            return refused(404, f"no texts in this language; known are {', '.join(LANGUAGES)}")
+            return refused(404, message("page-no-language", known=LANGUAGES))
         words = {section: catalogue(section, language) for section in ("common", "page")}
         return JSONResponse(words)
 
@@ -99,7 +100,7 @@ class Page:
         """Answer the live stream."""
         address = address_of(request)
         if self._readers.total() >= MOST_READERS or self._readers[address] >= MOST_READERS // 2:
-            return refused(503, f"{self._readers.total()} readers already look on")
+            return refused(503, message("page-readers", count=self._readers.total()))
         return _CountedStream(self.broadcaster, self._readers, address)
 
     async def result(self, request: Request) -> Response:
@@ -108,14 +109,14 @@ class Page:
             return _locked()
         path = (await self._daemon.picture()).result
         if not path or not await run_in_threadpool(Path(path).is_file):
-            return refused(404, "no result yet")
+            return refused(404, message("page-no-result"))
         return FileResponse(path, media_type="application/json", headers={"Cache-Control": "no-store"})
 
     async def conclusion(self, _request: Request) -> Response:
         """Answer the conclusion of the survey shown: words are for everybody who may open the page, files are not."""
         found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
         if found is None:
-            return refused(404, "no conclusion yet")
+            return refused(404, message("page-no-conclusion"))
         return FileResponse(found.path, media_type="application/json", headers={"Cache-Control": "no-store"})
 
     async def downloads(self, request: Request) -> Response:
@@ -134,13 +135,13 @@ class Page:
         if found is not None and found.kind in ("bundle", "restore"):
             return await run_in_threadpool(_packed, found)
         if found is None or not found.path.is_file():
-            return refused(404, "no such file in the list of downloads")
+            return refused(404, message("page-no-file"))
         return _file(found)
 
     async def open(self, request: Request) -> Response:
         """Answer whether the token that came along may command; files are open to this browser from then on."""
         if not await self.access.commands(request):
-            return refused(403, "wrong token")
+            return refused(403, message("page-wrong-token"))
         answer = Response(status_code=204)
         self.access.remember(request, answer)
         return answer
@@ -148,12 +149,12 @@ class Page:
     async def command(self, request: Request) -> Response:
         """Do what was ordered: 204 done, 400 not understood, 403 not allowed, 409 refused with the reason."""
         if not await self.access.commands(request):
-            return refused(403, "wrong token" if self.access.needed else "read-only: no token is configured")
+            return refused(403, message("page-wrong-token") if self.access.needed else message("page-read-only"))
         body = await _limited_body(request)
         try:
             order = msgspec.json.decode(body or b"", type=Ordered)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
-            return refused(400, f"command not understood: {why}; known are {', '.join(get_args(CommandName))}")
+            return refused(400, message("page-no-command", why=str(why), known=get_args(CommandName)))
         refusal = await self._daemon.order(order.name, order.arguments, address_of(request))
         return refused(409, refusal) if refusal else Response(status_code=204)
 
@@ -194,28 +195,30 @@ async def _limited_body(request: Request) -> bytes | None:
 
 
 def _locked() -> Response:
-    return refused(403, "files are for those who have the token")
+    return refused(403, message("page-files"))
 
 
 def _on_fault(daemon: Daemon) -> Callable[[Request, Exception], Awaitable[Response]]:
     async def answer(_request: Request, why: Exception) -> Response:
         daemon.say_fault(why)
-        return refused(500, "a fault of this program; the daemon's log says more")
+        return refused(500, message("page-fault"))
 
     return answer
 
 
 async def _silent(_request: Request, why: Exception) -> Response:
-    return refused(503, str(why))
+    return refused(503, why.message if isinstance(why, StepdiagError) else str(why))
 
 
 def _packed(found: Download) -> Response:
     try:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        return refused(409, str(why).replace(f"{found.path.parent}/", ""))  # where the service keeps its files is nobody's business
+        # where the service keeps its files is nobody's business
+        named = message("refusal", where=found.path.name, expected=why.expected, found=why.found)
+        return refused(409, named)
     except OSError as why:  # moved away, or its disk is, while it was packed
-        return refused(409, f"{found.path.name}: {why.strerror or type(why).__name__}")
+        return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
     headers = {"Content-Disposition": f'attachment; filename="{found.name}"', "Cache-Control": "no-store"}
     return Response(data, media_type="application/zip", headers=headers)
 

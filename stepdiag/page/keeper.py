@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import structlog
 
 from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.messages import Words
 from stepdiag.daq.records.status import StatusSource
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.daq.survey.models import Metrics, Page
@@ -278,13 +279,13 @@ class _Visit:
         if str(self._faults).strip("0") == "1":
             _log.error("page-fault", said=text[:LAST_WORDS], count=self._faults)
 
-    async def _obey(self, order: Order) -> str:
+    async def _obey(self, order: Order) -> Words:
         """Return why an order was refused; empty where it is done."""
         with structlog.contextvars.bound_contextvars(address=order.address[:100]):
             try:
                 await self._source.command(order.name, order.arguments)
             except UsageError as why:
-                return str(why)
+                return why.message
         return ""
 
     def _watch(self, *, on: bool) -> None:

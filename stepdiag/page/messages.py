@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.base.messages import Words
 from stepdiag.daq.records.status import CommandName, Snapshot
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.texts.texts import Language
@@ -44,7 +45,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """An order was done, or refused with the reason."""
 
     number: int
-    refusal: str
+    refusal: Words
 
 
 class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):

@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import BinaryIO
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import CommandName
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.page.messages import (
@@ -98,7 +99,7 @@ class RemoteDaemon:
         assert self._picture is not None
         return self._picture
 
-    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> str:
+    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
         """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
         number = next(self._numbers)
         answer = await self._answer(number, Order(number=number, name=name, arguments=arguments, address=address))
@@ -144,4 +145,6 @@ class RemoteDaemon:
 
 
 def _silent() -> DeviceError:
-    return DeviceError("the recording process", expected=f"an answer within {ANSWER_S:g} s", found="none", remedy="try again")
+    return DeviceError(
+        message("where-recorder"), expected=message("answer-within", seconds_s=ANSWER_S), found=message("none"), remedy=message("try-again")
+    )

@@ -13,7 +13,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from stepdiag.texts.sentences import in_every_language
+from stepdiag.base.messages import Words, in_every_language, message
 
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
@@ -61,15 +61,15 @@ class Guard:
         if scope["type"] != "http":
             return
 
-        async def completed(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
+        async def completed(event: Message) -> None:
+            if event["type"] == "http.response.start":
+                headers = MutableHeaders(scope=event)
                 headers.setdefault("Content-Security-Policy", CONTENT_POLICY)
                 headers.setdefault("Cache-Control", "no-cache")
                 for name, value in HEADERS.items():
                     headers[name] = value
             async with asyncio.timeout(SEND_S):
-                await send(message)
+                await send(event)
 
         refusal = self._refusal(scope)
         await (refusal or self._app)(scope, receive, completed)
@@ -79,10 +79,10 @@ class Guard:
         host = headers.get("host", "")
         called = scope.get("server") or ("", 0)
         if not is_known_host(host, str(called[0]), self._names):
-            return refused(421, "this page does not answer to that name; put it into page.names of the survey file")
+            return refused(421, message("page-other-name"))
         origin = headers.get("origin")
         if scope["method"] not in ("GET", "HEAD") and origin not in (f"http://{host}", f"https://{host}"):
-            return refused(403, f"orders are taken from the page itself only: the header Origin must be that of the page, http://{host}")
+            return refused(403, message("page-other-origin", host=host))
         return None
 
 
@@ -168,6 +168,6 @@ def address_of(request: HTTPConnection) -> str:
     return request.client.host if request.client is not None else ""
 
 
-def refused(status: int, why: str) -> Response:
+def refused(status: int, why: Words) -> Response:
     """Return a refusal in words: ``error`` for a program, ``said`` for a person, in every language."""
-    return JSONResponse({"error": why, "said": in_every_language(why)}, status_code=status)
+    return JSONResponse({"error": str(why), "said": in_every_language(why)}, status_code=status)

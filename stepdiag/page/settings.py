@@ -10,8 +10,9 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from stepdiag.base.errors import UsageError
+from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import as_text, read_bytes
+from stepdiag.base.messages import message
 from stepdiag.daq.survey.models import Page, Survey
 from stepdiag.page.messages import PageSettings
 
@@ -80,7 +81,9 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
     except OSError as error:
-        raise UsageError(f"{survey_file.name}: {field}", expected=f"a readable file {named}", found=error.strerror or str(error)) from error
+        raise UsageError(
+            f"{survey_file.name}: {field}", expected=message("readable-file-of", name=named), found=system_words(error)
+        ) from error
     if mode & 0o077:
         raise UsageError(
             f"{survey_file.name}: {field}", expected=f"a file that nobody but its owner may read: chmod 600 {named}", found=f"mode {mode:o}"

@@ -13,7 +13,7 @@ from stepdiag.base.messages import in_every_language
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
-from stepdiag.texts.findings import advice_of, place_of
+from stepdiag.texts.explained import advice_of
 
 SLOW_FIELDS = (
     "survey",
@@ -93,11 +93,8 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
 
 
 def _place(one: FindingStatus) -> tuple[str, int | None]:
-    """Return the run and the stop at which it was; of an old log they stand in its text."""
-    if one.message is not None:
-        return f"{one.at.setup} {one.at.way}", one.at.stop
-    old = place_of(str(one.finding.words))
-    return old.run, old.stop
+    """Return the run and the stop at which it was."""
+    return f"{one.at.setup} {one.at.way}", one.at.stop
 
 
 def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:

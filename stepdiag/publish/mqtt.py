@@ -18,7 +18,7 @@ import structlog
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stepdiag.base.errors import DataError, DeviceError, UsageError
+from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Message, State, Watched, topic_of
 from stepdiag.publish.process import stand_back, stopped_by_signal
@@ -202,4 +202,4 @@ def _context(broker: Broker) -> ssl.SSLContext | None:
     try:
         return ssl.create_default_context(cafile=None if broker.authority is None else str(broker.authority))
     except OSError as error:  # ssl.SSLError is one
-        raise UsageError(str(broker.authority), expected="certificates in PEM", found=error.strerror or str(error)) from error
+        raise UsageError(str(broker.authority), expected="certificates in PEM", found=system_words(error)) from error

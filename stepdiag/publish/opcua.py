@@ -20,7 +20,7 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
 from stepdiag.base.conformity import together
-from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.errors import DeviceError, UsageError, system_words
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.gate import Doors, GatedLoop
 from stepdiag.publish.messages import Findings, ResultMessage, State, Watched
@@ -89,7 +89,7 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
     try:
         await server.start()
     except OSError as error:
-        raise DeviceError(endpoint.url, expected="a free port of this computer", found=error.strerror or str(error)) from error
+        raise DeviceError(endpoint.url, expected="a free port of this computer", found=system_words(error)) from error
     _log.info("opcua-serves", address=endpoint.url)
     try:
         while not stop.is_set():

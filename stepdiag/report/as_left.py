@@ -9,7 +9,6 @@ from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.document import Report, localised_document, page_parts, template
 from stepdiag.report.exported import Exported
 from stepdiag.report.sections import Table
-from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue
 
 
@@ -29,7 +28,6 @@ def build_as_left(
         **page_parts(), language=language, words=words, source=before.source, result=after, left=left, exported=exported,
         facts=certificate.facts_table(after, words), effect=certificate.effect_table(before, concluded.reach, left, words, language),
         changes=_changes(before, after, words), letterhead=letterhead or Letterhead(),
-        shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=())
 

@@ -5,7 +5,6 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 
 import jinja2
@@ -29,7 +28,6 @@ from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
@@ -81,7 +79,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     tables = {
         "facts": certificate.facts_table(result, words, laboratory),
         "effect": certificate.effect_table(result, known.reach, left, words, language),
-        "budget": sections.budget_table(result, _units(result), words, language),
+        "budget": sections.budget_table(result, _units(result), words),
         "signatures": certificate.signatures(laboratory, words),
         "machine": sections.machine_table(result, words),
         "conditions": sections.conditions_table(result, readings, words),
@@ -89,12 +87,12 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
-        "positioning": sections.positioning_table(standards, words, partial(translated, language=language)),
+        "positioning": sections.positioning_table(standards, words),
         "positioning_lengths": sections.positioning_lengths(standards, words),
         "vdi": sections.vdi_table(standards, words),
         "head": sections.head_table(result, words),
-        "fit": sections.fit_table(result),
-        "assumptions": sections.assumptions_table(result),
+        "fit": sections.fit_table(result, words),
+        "assumptions": sections.assumptions_table(result, words, language),
         "slips": sections.slips_table(result, words),
         "history": sections.history_table(result, words, language),
         "recordings": logs_table(logs, words),
@@ -105,7 +103,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=_said_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
         predicted=correction is not None, chi=sections.chi_square_words(result, words),
-        letterhead=letterhead or Letterhead(), left=left, shown=lambda text: translated(text, language) if language != "en" else text,
+        letterhead=letterhead or Letterhead(), left=left,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 

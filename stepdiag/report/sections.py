@@ -1,6 +1,6 @@
 """The tables of the report: what each section says, as rows of plain text that the template escapes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,10 @@ from stepdiag.base.result.members import Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
 from stepdiag.report.drawings.figures import UNITS
+from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
+from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
-from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
@@ -78,7 +79,7 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
 def conditions_table(result: Result, readings: Readings | None, words: Mapping[str, str]) -> Table:
     """Return the conditions of the survey: what the result carries under ``conditions``, and what the readings say."""
     flat = [] if result.conditions is None else _leaves(written(result.conditions))
-    rows = [(_readable(name), _from_to(value)) for name, value in flat[:MOST_ROWS]]
+    rows = [(_readable(name, words), _from_to(value)) for name, value in flat[:MOST_ROWS]]
     measured = "material_temperature_c" in dict(flat)
     if readings is not None and not measured and np.isfinite(readings.temperature_c).any():
         low, high = float(np.nanmin(readings.temperature_c)), float(np.nanmax(readings.temperature_c))
@@ -100,15 +101,17 @@ def setups_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return one row a setup: how it was driven, and how mirror, drift and repeatability stood."""
     setups = dict(list(result.setups.items())[:MOST_ROWS])
     columns = [column for column in SETUP_COLUMNS if any(getattr(facts, column) not in (None, ()) for facts in setups.values())]
-    rows = [(name, *(_setup_fact(getattr(facts, column)) for column in columns)) for name, facts in setups.items()]
-    return Table(header=(words["setup"], *map(_readable, columns)), rows=rows)
+    rows = [(name, *(_setup_fact(getattr(facts, column), words) for column in columns)) for name, facts in setups.items()]
+    return Table(header=(words["setup"], *(_readable(column, words) for column in columns)), rows=rows)
 
 
-def _setup_fact(value: object) -> str:
+def _setup_fact(value: object, words: Mapping[str, str]) -> str:
     """Return one fact of a setup; of several drifts the largest, with its standard uncertainty."""
     if isinstance(value, tuple) and value and isinstance(value[0], Drift):
         worst = max(value, key=lambda drift: abs(drift.total_um))
         return f"{shown(worst.total_um, 2)} ± {shown(worst.u_um, 2)} µm"
+    if isinstance(value, str):
+        return words.get(f"fact_{value}", value)
     return shown(None if value == () else value, 3 if isinstance(value, float) else None)
 
 
@@ -126,8 +129,10 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
 _UNITS = {"um": "µm", "urad": "µrad", "mrad": "mrad", "mm": "mm", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s", "nm": "nm"}
 
 
-def _readable(name: str) -> str:
-    """Return ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
+def _readable(name: str, words: Mapping[str, str]) -> str:
+    """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
+    if heading := words.get(f"fact_{name.replace(' ', '_')}"):
+        return heading
     head, _, unit = name.rpartition("_")
     return f"{head.replace('_', ' ')} / {_UNITS[unit]}" if head and unit in _UNITS else name.replace("_", " ")
 
@@ -164,12 +169,11 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
 
 
-def positioning_table(standards: Standards, words: Mapping[str, str], in_words: Callable[[str], str] = str) -> Table | None:
+def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
     """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
 
     ``standards`` is the entry of the result; columns that nothing is known of are left out. Of which lengths a
-    figure is stands in its row only where they differ (`positioning_lengths`); ``in_words`` puts the name of a
-    standard into the words' language.
+    figure is stands in its row only where they differ (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -179,7 +183,7 @@ def positioning_table(standards: Standards, words: Mapping[str, str], in_words: 
     rows = [
         (
             name,
-            ", ".join(filter(None, (in_words(facts.standard), "" if once else _lengths(facts, words)))),
+            ", ".join(filter(None, (_standard(facts.standard, words), "" if once else _lengths(facts, words)))),
             shown(facts.runs),
             *(_with_u(facts, figure) for figure in known),
         )
@@ -190,6 +194,10 @@ def positioning_table(standards: Standards, words: Mapping[str, str], in_words: 
         if known
         else None
     )
+
+
+def _standard(name: str, words: Mapping[str, str]) -> str:
+    return words["on_step_diagonals"] if name == DIAGONAL_STANDARD["step"] else name
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
@@ -239,15 +247,15 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return the straightness that the 4-DOF head measured, one row a function, where the result says it (``head_straightness``)."""
     measured = result.head_straightness or {}
     rows = [(name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
-    return Table(header=(words["name"], *map(_readable, HEAD_FIGURES)), rows=rows) if rows else None
+    return Table(header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)), rows=rows) if rows else None
 
 
-def fit_table(result: Result) -> Table | None:
+def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return how well the readings agree with the model, where the result says it (``fit``, ``scale_sum_um``)."""
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
     known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
-    rows = [(_readable(name), shown(value)) for name, value in known if value is not None]
+    rows = [(_readable(name, words), shown(value)) for name, value in known if value is not None]
     return Table(header=(), rows=rows) if rows else None
 
 
@@ -302,20 +310,34 @@ def _size(um: float | None) -> str:
     return shown(um, None if um is None else decimals_of(um))
 
 
-def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, str], language: Language) -> Table | None:
+def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, str]) -> Table | None:
     """Return U (k = 2) of every quantity and its three largest sources in percent of the square of U; None without a budget."""
     rows = []
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
         largest = sorted(sources.items(), key=lambda item: (-item[1], item[0]))[:3]
-        named = [f"{translated(source, language)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
+        named = [f"{source_words(source, words)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
-        title = translated(f"scale of {quantity}" if quantity in AXIS_LETTERS else quantity, language)
+        title = quantity_words(quantity, words)
         rows.append((title, f"{shown(COVERAGE * total**0.5, 2)} {UNITS.get(unit, unit)}", *named, *[""] * (3 - len(named))))
     return Table(header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))), rows=rows[:MOST_ROWS]) if rows else None
 
 
-def assumptions_table(result: Result) -> Table | None:
+def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
+    """Return a quantity of the budget in words: a function, what is left of it, a scale, a squareness."""
+    if quantity == SCALE_SUM:
+        return words["scale_sum"]
+    kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
+    return words.get(f"quantity_{kind}", quantity).format(name=name)
+
+
+def source_words(source: str, words: Mapping[str, str]) -> str:
+    """Return a source of the budget in words; a source of another version as it stands."""
+    return words.get(f"source_{source.replace(' ', '_')}", source)
+
+
+def assumptions_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
     """Return what each source of the budget assumes, where the result says it (``budget.assumptions``)."""
-    rows = [] if result.budget is None else list(result.budget.assumptions.items())[:MOST_ROWS]
+    known = {} if result.budget is None else result.budget.assumptions
+    rows = [(source_words(source, words), rendered(text, language)) for source, text in list(known.items())[:MOST_ROWS]]
     return Table(header=(), rows=rows) if rows else None

@@ -2,10 +2,11 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from stepdiag.base.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError
+from stepdiag.base.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError, system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.terminal.printable import printable
 
 EXIT_CODES: dict[type[StepdiagError], int] = {UsageError: 2, DataError: 3, DeviceError: 4, SafetyError: 5}
@@ -13,13 +14,15 @@ INTERRUPTED = 130
 
 
 @contextmanager
-def refusals_shown() -> Iterator[None]:
-    """Say a refusal on standard error and leave with the exit code of its cause."""
+def refusals_shown(written: Callable[[Words], str] = str) -> Iterator[None]:
+    """Write a refusal to standard error, as ``written``, and leave with the exit code of its cause."""
     try:
         yield
     except StepdiagError as error:
-        code = f" [{error.code}]" if isinstance(error, SafetyError) else ""
-        sys.stderr.write(printable(f"stepdiag: {error}{code}") + "\n")
+        refusal = error.message
+        if isinstance(error, SafetyError):
+            refusal = message("refusal-with-code", refusal=refusal, code=error.code)
+        sys.stderr.write(printable(written(message("by-program", what=refusal))) + "\n")
         sys.exit(next(code for cause, code in EXIT_CODES.items() if isinstance(error, cause)))
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
@@ -52,7 +55,7 @@ def failed_writing_shown() -> Iterator[None]:
         if error.filename is None:
             _close_output()
         raise UsageError(
-            str(error.filename or "the output"), expected="a place that can be read and written", found=error.strerror or str(error)
+            str(error.filename or "the output"), expected="a place that can be read and written", found=system_words(error)
         ) from error
 
 

@@ -96,8 +96,8 @@ def effect_table(prediction: Prediction) -> Table:
     for column in ("", "before", "after"):
         table.add_column(column, justify="right" if column else "left")
     for name, figures in prediction.predicted.parts().items():
-        table.add_row(f"largest, {name}", *(each.largest_um.bound() for each in figures.values()))
-        table.add_row(f"rms, {name}", *(each.rms_um.words() for each in figures.values()))
+        table.add_row(f"largest, {name}", *(str(each.largest_um.bound()) for each in figures.values()))
+        table.add_row(f"rms, {name}", *(str(each.rms_um.words()) for each in figures.values()))
     return table
 
 

@@ -81,6 +81,12 @@ def finding_advice(code: str, language: Language) -> str:
     return "" if entry is None else f"{entry.words[language].cause} {entry.words[language].advice}"
 
 
+def advice_of(code: str, language: Language) -> str:
+    """Return what a finding costs and what to do about it; empty for a code that is not documented."""
+    entry = explained(code)
+    return "" if entry is None else entry.words[language].advice
+
+
 def finding_action(code: str, severity: Severity) -> Action:
     """Return what a person does about a finding."""
     entry = explained(code)

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
-SECTIONS = ("common", "conclusion", "report", "page", "fleet", "finding_place", "sentence")
+SECTIONS = ("common", "conclusion", "report", "page", "fleet")
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 

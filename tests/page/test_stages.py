@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from stepdiag.base.messages import Place
+from stepdiag.base.messages import message as say
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
@@ -153,25 +155,26 @@ def test_the_page_knows_no_mathematics() -> None:
 
 def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None:
     """Reasons, link details and messages: no English inside a German page."""
-    reason = "pass 1: stops 5, 6 are missing: drive again from stop 4 on, or the whole pass"
+    again = say("again-from-or-whole", stop=4)
+    reason = say("pass-why", number=1, why=say("stops-missing", stops="5, 6", again=again))
     setups = (SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", reason=reason),)
-    finding = FindingStatus(code="beam-lost", severity="error", text="npp out, stop 5 of 30: the beam was lost")
-    message = "only 1.5 GB are left on the disk: make room before the recording stops"
-    now = snapshot(tmp_path, setups=setups, findings=(finding,), message=message)
+    lost, at = say("beam-lost", why=say("beam-was-lost")), Place(setup="npp", way="out", stop=5, last=30)
+    finding = FindingStatus(code="beam-lost", severity="error", text=str(lost), message=lost, at=at)
+    refused = say("refusal-with-code", refusal=say("refusal", where="p.toml: axes.X.step_mm", expected="57.5 mm", found="60 mm"), code="x")
+    now = snapshot(tmp_path, setups=setups, findings=(finding,), message=say("export-refused", control="siemens", why=refused))
     view = {**survey_view(now), **now_view(now)}
     assert view["setups"][0]["reason"] == {
-        "en": reason,
+        "en": str(reason),
         "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen Durchgang",
     }
-    assert view["message"]["de"].startswith("nur noch 1,5 GB")
-    refused = "export for siemens refused: p.toml: axes.X.step_mm: expected a step that divides 400 mm into whole sections, "
-    refused += "found 60 mm (6.5 sections)"
-    assert now_view(snapshot(tmp_path, message=f"{refused}; the nearest that fits is 57.5 mm [grid-not-integral]"))["message"] == {
-        "en": f"{refused}; the nearest that fits is 57.5 mm [grid-not-integral]",
-        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war ein Schritt, der 400 mm in ganze Abschnitte teilt, "
-        "gefunden 60 mm (6,5 Abschnitte); der nächste passende ist 57,5 mm [grid-not-integral]",
+    assert view["message"] == {
+        "en": "export for siemens refused: p.toml: axes.X.step_mm: expected 57.5 mm, found 60 mm [x]",
+        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war 57,5 mm, gefunden 60 mm [x]",
     }
-    assert view["findings"][0]["said"]["de"] == "npp hin, Messpunkt 5: der Strahl war verloren"
+    assert (
+        view["findings"][0]["said"]["de"]
+        == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: die Zählung reicht nicht zurück"
+    )
     assert json.dumps(msgspec.to_builtins(view))
 
 

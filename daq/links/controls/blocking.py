@@ -6,7 +6,6 @@ and the thread ends with it.
 
 import asyncio
 import errno
-import os
 import queue
 import socket
 import threading
@@ -16,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from stepdiag.base.errors import system_words
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
 from stepdiag.daq.links.ports.lateness import Lateness
@@ -185,11 +185,11 @@ def unreachable(error: OSError, waited_s: float, protocol: Words, firewall: Mess
     silence = message("found-silence-for", seconds_s=waited_s)
     match code:
         case errno.ECONNREFUSED:
-            return os.strerror(code), message("do-plc-nothing-listens", protocol=protocol)
+            return system_words(code), message("do-plc-nothing-listens", protocol=protocol)
         case errno.EHOSTUNREACH:
-            return os.strerror(code), message("do-plc-nobody")
+            return system_words(code), message("do-plc-nobody")
         case errno.ENETUNREACH:
-            return os.strerror(code), message("do-plc-no-way")
+            return system_words(code), message("do-plc-no-way")
         case errno.ETIMEDOUT:
             return silence, message("do-plc-firewall", firewall=firewall)
-    return os.strerror(code) if code else str(error), message("do-plc-address")
+    return system_words(code or error), message("do-plc-address")

@@ -12,7 +12,7 @@ import socket
 import struct
 import time
 
-from stepdiag.base.errors import DeviceError
+from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.ports.address import NetworkLine
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, LossKind, SerialSettings
@@ -169,7 +169,7 @@ def _refusal(name: str, error: OSError) -> DeviceError:
             message("where-port", name=name), expected=message("expects-host"), found=message("found-no-name"), remedy=remedy
         )
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
-    found = message("found-silence-for", seconds_s=CONNECT_S) if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
+    found = message("found-silence-for", seconds_s=CONNECT_S) if code == errno.ETIMEDOUT else system_words(code or error)
     return DeviceError(
         message("where-port", name=name),
         expected=message("expects-connection"),

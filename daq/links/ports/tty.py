@@ -12,7 +12,7 @@ import termios
 
 import serial
 
-from stepdiag.base.errors import DeviceError
+from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, LossKind, SerialSettings
 
@@ -114,6 +114,7 @@ def _refusal(name: str, error: Exception) -> DeviceError:
             remedy=message("do-port-can"),
         )
     code = error.errno if isinstance(error, OSError) else None
-    found = os.strerror(code) if code else str(error)
     remedy = _REMEDIES.get(code or 0, message("do-port-survey"))
-    return DeviceError(message("where-serial", name=name), expected=message("expects-opens"), found=found, remedy=remedy)
+    return DeviceError(
+        message("where-serial", name=name), expected=message("expects-opens"), found=system_words(code or error), remedy=remedy
+    )

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.typed import Maybe, Named
 
 When = Literal["before", "after"]
@@ -36,15 +37,15 @@ class Interval:
         """Return the value alone as written everywhere."""
         return f"{self.value_um:.{decimals_of(self.value_um)}f}"
 
-    def words(self) -> str:
-        """Return the interval in English, the value alone where nothing states how sure it is."""
+    def words(self) -> Message:
+        """Return the interval, the value alone where nothing states how sure it is."""
         low, high = self.shown()
-        return f"{low} to {high}" if low else f"{self.best()} or more"
+        return message("interval", low=low, high=high) if low else message("value-or-more", value=self.best())
 
-    def bound(self) -> str:
-        """Return what a largest vector is at most, in English: how small it may be is no promise."""
+    def bound(self) -> Message:
+        """Return what a largest vector is at most: how small it may be is no promise."""
         high = self.shown()[1]
-        return f"up to {high}" if high else self.words()
+        return message("up-to", high=high) if high else self.words()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Literal, Self
 
+from stepdiag.base.messages import Words
 from stepdiag.base.result.typed import BESIDE, OPTIONAL, Maybe, Named
 from stepdiag.base.setups import Kind
 from stepdiag.base.volume import Vector
@@ -301,7 +302,7 @@ class HeadStraightness:
 class Budget:
     """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their combination by quantity."""
 
-    assumptions: dict[str, str]
+    assumptions: dict[str, Words]
     shares: dict[str, dict[str, float]]
     combined: dict[str, float]
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import Message, Words, message_json, message_of
 from stepdiag.base.result.finding import parse_finding
 from stepdiag.base.result.json_tree import Node
 
@@ -19,7 +20,15 @@ OPTIONAL, BESIDE = "optional", "beside"
 T = TypeVar("T")
 Maybe = Annotated[T | None, OPTIONAL]
 _ABSENT = object()
+
+
+def _words(node: Node) -> Words:
+    """Return a message, or the text of a result of before or of another version."""
+    return node.word() if isinstance(node.value, str) else message_of(node.mapping()) or node.text("text")
+
+
 _LEAVES: Mapping[Any, Callable[[Node], Any]] = {
+    Words: _words,
     float: Node.number,
     int: Node.whole,
     str: Node.word,
@@ -59,6 +68,8 @@ def written(value: Any) -> Any:
     """Return a value with every dataclass in it as an object of the JSON."""
     if isinstance(value, Finding):
         return value.as_json()
+    if isinstance(value, Message):
+        return {"text": str(value), **message_json(value)}
     if is_dataclass(value):
         entries: dict[str, Any] = {}
         kind: Any = type(value)

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.messages import message
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.recorder import FLUSH_S, SYNC_S, Recorder, RecorderHealth
@@ -143,7 +144,7 @@ def test_a_sync_that_fails_is_told(bench: Bench, tmp_path: Path, monkeypatch: py
     bench.admit(EVENTS[:50])
     bench.recorder.promise(STOP, lambda: None)
     wait_until(lambda: "blocked" in bench.states)
-    assert next(health for health in bench.said if health.state == "blocked").reason == "Input/output error"
+    assert next(health for health in bench.said if health.state == "blocked").reason == message("os-io")
 
 
 def open_log_messages(path: Path) -> Counter[str]:

@@ -12,7 +12,8 @@ import pytest
 
 from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import finding
+from stepdiag.base.messages import message
 from stepdiag.base.result.members import SetupReport
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import MET_UM, export
@@ -133,7 +134,7 @@ class TestQuickLook:
         own = None if targets is None else tuple(np.linspace(0.0, 500.0, targets + 1))
         measured = solve(Beside(bench=Bench(), u_um=0.1, targets_mm={"linear-x": own or IRREGULAR}).readings())
         report = export(measured, "neutral", None, accept=("slope-steep",), out_dir=tmp_path / "out")
-        (table,) = (each for each in report.tables if each.label.startswith("EXX"))
+        (table,) = (each for each in report.tables if each.name == "EXX")
         assert sections is None or len(table.position_mm) - 1 == sections
         missed = missed_um(table.position_mm, measured.errors["EXX"].position_mm, measured.errors["EXX"].value)
         coarse = missed_um(np.linspace(0.0, 500.0, 11), measured.errors["EXX"].position_mm, measured.errors["EXX"].value)
@@ -267,7 +268,7 @@ class TestSafetyChecks:
             ("profile-incomplete.name", RESULT, {"Y": {"name": "AX1"}}),
             ("grid-unfit.step", RESULT, {"X": {"step_mm": 60.0}}),
             ("direction-unfit.twice", made_result(reversal={"EXX": [0, 2, 2, 2, 2]}), {"direction": "both", "X": {"backlash_um": 3.0}}),
-            ("data-quality", made_result(ERRORS, findings=(Finding(code="beam-lost", severity="error", text="the beam was lost"),)), {}),
+            ("data-quality", made_result(ERRORS, findings=(finding("error", message("beam-lost", why=message("beam-was-lost"))),)), {}),
         ],
     )
     def test_an_error_cannot_be_accepted(self, code, result, changes, tmp_path):

@@ -100,7 +100,7 @@ def test_verify_finds_every_table_right_far_from_the_zero_of_the_axes(
     result, of = drawn("FXYZ"), profile(name, "FXYZ")
     data = [file for file in written(name, result, of) if file.role == "data"]
     found = verify_files(result, data, of, nodes=5)
-    assert {each.key for each in found.judgements} == {"right"}
+    assert {each.code for each in found.judgements} == {"right"}
     assert found.right, found.findings
 
 
@@ -109,13 +109,13 @@ def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chai
     result, of = drawn(chain), profile(name, chain)
     data = [file for file in written(name, result, of) if file.role == "data"]
     found = verify_files(result, data, of)
-    assert {each.key for each in found.judgements} == {"right"}
+    assert {each.code for each in found.judgements} == {"right"}
     assert found.right
     turned = drawn(chain)
     turned = replace(
         turned, errors={key: replace(each, value=-each.value) if key == "EAX" else each for key, each in turned.errors.items()}
     )
-    told = {each.function: each.key for each in verify_files(turned, data, of).judgements}
+    told = {each.function: each.code for each in verify_files(turned, data, of).judgements}
     assert told["EYX*Z"] == told["EZX*Y"] == "sign-turned"
 
 

@@ -8,6 +8,7 @@ import pytest
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.conditions.expansion import expansion_um
 from stepdiag.base.errors import DataError
+from stepdiag.base.findings import in_words
 from stepdiag.base.readings.readings import parse_readings, render_readings
 from stepdiag.base.result.basis import basis_of
 from stepdiag.base.result.result import ROTATIONS, Function, Scale, parse_result
@@ -15,7 +16,6 @@ from stepdiag.base.result.typed import written
 from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.solver.methods.lengths import at_their_temperature, lengths_report, tool_report
 from stepdiag.solver.methods.solve import solve
-from stepdiag.texts.sentences import translated
 from testkit.exact.surveys import Bench
 
 WARM_C = 27.0
@@ -129,7 +129,7 @@ def test_what_the_user_states_of_the_temperature_stands_and_is_said(stated_c):
     (said,) = [one for one in result.findings if one.code == "material-unmeasured"]
     assert said.severity == "warning"
     assert f"within {stated_c:.2g} C (k = 1), as u_material_c states it" in said.text
-    assert "wie u_material_c es angibt" in translated(said.text, "de")
+    assert "wie u_material_c es angibt" in in_words(said, "de")
     assert result.assumed.u_material_c == stated_c
     for scale in result.scale.values():
         assert stated_c * STEEL < scale.u < np.hypot(stated_c * STEEL, 10.0)

@@ -117,7 +117,7 @@ def test_a_finding_is_made_of_its_message() -> None:
     assert in_words(made, "de") == "ppp hin, Messpunkt 3: dieses Verfahren nutzt nur die vier Raumdiagonalen, nicht body-ppp, ppp+1"
     assert in_words(made, "en", (3, 4)) == f"ppp out, stops 3–4: {sentence}"
     old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost")
-    assert in_words(old, "de") == "ppp hin, Messpunkt 5: die Zählung ging verloren"
+    assert in_words(old, "de") == old.text
     assert (old.action, made.action) == ("repeat", "choose")
 
 

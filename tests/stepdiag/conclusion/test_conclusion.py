@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import Quantity, Result, parse_result
 from stepdiag.conclusion import (
@@ -133,7 +134,7 @@ class TestReach:
         assert not is_english(german)
         concluded = exported_in(bumped, [tmp_path], None).concluded
         assert concluded is not None
-        assert list(concluded.harmed) == told
+        assert list(map(str, concluded.harmed)) == told
 
 
 class TestWhatToLoad:
@@ -150,9 +151,10 @@ class TestWhatToLoad:
 
     def test_a_refused_export_says_so(self) -> None:
         """Nothing of it is loaded."""
-        why = "p.toml: machine.name: expected 'A', the machine that was measured (survey.machine in r.json), found 'B' [other-machine]"
+        refusal = message("refusal", where="p.toml: machine.name", expected="'A'", found="'B'")
+        why = message("refusal-with-code", refusal=refusal, code="other-machine")
         found = conclude(made_up_result(), [Export(controller="fanuc", refused=why)])
-        assert why in render(found.load[0], "en")
+        assert str(why) in render(found.load[0], "en")
         assert "gefunden 'B' [other-machine]" in render(found.load[0], "de")
         assert not is_english(render(found.load[0], "de"))
         assert "refused" in render(found.load[0], "en")

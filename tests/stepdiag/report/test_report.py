@@ -194,13 +194,13 @@ def test_budget_is_one_table_of_three_largest_sources(language: Language) -> Non
     budget = {"shares": dict.fromkeys(("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources)}
     result = replace(made_up_result(), **members(budget=budget))
     words = {**catalogue("common", language), **catalogue("report", language)}
-    table = budget_table(result, {"EXX": "um", "X": "um/m", SCALE_SUM: "um"}, words, language)
+    table = budget_table(result, {"EXX": "um", "X": "um/m", SCALE_SUM: "um"}, words)
     assert table is not None
     english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
     assert english & {row[0] for row in table.rows} == (english if language == "en" else set())
     assert sorted(row[1] for row in table.rows) == sorted(["1.02 µm"] * (2 + len(KINDS)) + ["1.02 µm/m"])
     assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {("61", "34", "4")}
-    assert budget_table(made_up_result(), {}, words, language) is None
+    assert budget_table(made_up_result(), {}, words) is None
 
 
 LABORATORY = Laboratory(

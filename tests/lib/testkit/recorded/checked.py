@@ -450,13 +450,13 @@ def _standing() -> Any:
     for name, (before, after, new) in states.items():
         standing = Standing(before=before, after=after, new=new)
         found[name] = {
-            "staying": [one.label for one in standing.staying],
-            "lost": [one.label for one in standing.lost()],
-            "foreign": [one.label for one in standing.foreign()],
+            "staying": [str(one.label) for one in standing.staying],
+            "lost": [str(one.label) for one in standing.lost()],
+            "foreign": [str(one.label) for one in standing.foreign()],
         } | {
             f"{which}, {state}": [
                 [said(item) for item in standing_findings(standing, result, own)],
-                [[one.label for one in each] for each in standing.acting(result, own)],
+                [[str(one.label) for one in each] for each in standing.acting(result, own)],
             ]
             for which, result in results.items()
             for state, own in (("off", off), ("on", on), ("few", few))
@@ -539,7 +539,7 @@ def _laws() -> Any:
                     one = replace(table_of((0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3), offset_um=1.5)
                     found[f"{sense} {data} {between} {ends}"] = [
                         law.describe(),
-                        one.label,
+                        str(one.label),
                         str(one.identity),
                         one.absolute_um.tolist(),
                         *_moved(one, at),

@@ -198,7 +198,9 @@ def _columns() -> Any:
                 "levers": levers.tolist(),
                 "angles": {one.name: [_numbers(one.position_mm), _numbers(one.value_urad)] for one in columns.angles},
                 "curves": {one.name: [_numbers(each) for each in (one.position_mm, one.mean_um, one.u_um)] for one in columns.curves},
-                "tables": {one.label: [_numbers(one.value_um), one.quantum_um, _numbers(angular.column_urad(one))] for one in tables[::3]},
+                "tables": {
+                    str(one.label): [_numbers(one.value_um), one.quantum_um, _numbers(angular.column_urad(one))] for one in tables[::3]
+                },
                 "times": [_numbers(one.multiplier.at(np.array([-500.0, 10.0, 500.0]))) for one in tables[::3] if one.multiplier],
             }
     made = fit.fitted(LEANING)

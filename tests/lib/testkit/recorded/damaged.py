@@ -87,8 +87,8 @@ def _of_each_kind(lines: Sequence[str]) -> list[int]:
 
 def told(tables: Sequence[Table], whole: Sequence[Table]) -> Any:
     """Return what damaged tables are beside the whole ones: what of each is otherwise."""
-    known = {one.label: plain.table(one) for one in whole}
-    found = {one.label: plain.table(one) for one in tables}
+    known = {str(one.label): plain.table(one) for one in whole}
+    found = {str(one.label): plain.table(one) for one in tables}
     changed: dict[str, Any] = {f"no {label}": True for label in known if label not in found}
     for label, one in found.items():
         if label not in known:

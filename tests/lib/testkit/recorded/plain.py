@@ -31,7 +31,7 @@ def written(folder: Path) -> dict[str, list[str]]:
 def table(one: Table) -> dict[str, Any]:
     """Return all of a table."""
     found: dict[str, Any] = {
-        "label": one.label,
+        "label": str(one.label),
         "at": one.position_mm.tolist(),
         "um": one.value_um.tolist(),
         "unit": one.quantum_um,

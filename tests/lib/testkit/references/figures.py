@@ -208,8 +208,9 @@ def intervals(given):
     """Return how every figure is written."""
     found = [read_or_none(Node(one, "figure", ""), Interval) for one in given["figures"]]
     return [
-        one and {"shown": one.shown(), "best": one.best(), "words": one.words(), "bound": one.bound(), "is": written(one)} for one in found
-    ] + [plain(Interval(value_um=value).words()) for value in (0.0, 9.94, 9.96)]
+        one and {"shown": one.shown(), "best": one.best(), "words": str(one.words()), "bound": str(one.bound()), "is": written(one)}
+        for one in found
+    ] + [plain(str(Interval(value_um=value).words())) for value in (0.0, 9.94, 9.96)]
 
 
 def geometry(given):

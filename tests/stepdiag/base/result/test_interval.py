@@ -22,14 +22,14 @@ from stepdiag.base.result.typed import read, read_or_none, written
 def test_rounding_never_promises_more(low, high, shown):
     """The high end says how many decimals both have: a tenth below 9.95 um, none from there on."""
     assert Interval(value_um=low, low_um=low, high_um=high).shown() == shown
-    assert Interval(value_um=low, low_um=low, high_um=high).words() == f"{shown[0]} to {shown[1]}"
+    assert str(Interval(value_um=low, low_um=low, high_um=high).words()) == f"{shown[0]} to {shown[1]}"
 
 
 def test_without_an_interval_the_value_is_a_bound_from_below():
     for half in ({}, {"low_um": 1.0}, {"high_um": 3.0}):
         alone = Interval(value_um=2.04, **half)
         assert alone.shown() == ("", "")
-        assert alone.words() == "2.0 or more"
+        assert str(alone.words()) == "2.0 or more"
     assert Interval(value_um=12.6).best() == "13"
 
 
