@@ -317,7 +317,7 @@ def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_p
     log = tmp_path / "0001.mcap"
     log.write_bytes(log_of(b"\n".join([text, json.dumps(left).encode(), *messages])))
     done = complete([log], tmp_path / "out")
-    assert done.refusals["neutral"] == "p.toml: expected a file that the survey names, in the log, found nothing"
+    assert str(done.refusals["neutral"]) == "p.toml: expected a file that the survey names, in the log, found nothing"
 
 
 @pytest.mark.parametrize("note", [b"", b"[]", b"{}", b'{"window_from_mono_ns": "x"}', b"[" * 3000])

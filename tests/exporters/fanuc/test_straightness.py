@@ -81,7 +81,7 @@ def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(see
     result = drawn(seed)
     plan, settled, files = written(profile(), result)
     read = FANUC.parse(files, settled)
-    assert sorted(table.label for table in read) == sorted(table.label for table in plan.tables)
+    assert sorted(str(table.label) for table in read) == sorted(str(table.label) for table in plan.tables)
     tables = load_fanuc([file.data.decode("ascii") for file in files], detection_unit_um=0.1, interpolated=False)
     theirs = sum((table.correction_mm(POINTS, np.ones(POINTS.shape)) for table in tables), np.zeros(POINTS.shape)) * 1e3
     np.testing.assert_allclose(theirs, total_correction_um(read, POINTS), rtol=0, atol=1e-6)

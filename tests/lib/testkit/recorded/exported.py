@@ -24,7 +24,7 @@ from testkit.recorded.profiles import INCLINED, POINTS, SET_UP, STRAIGHT, points
 from testkit.recorded.results import ANGLES, LEANING, PLAIN, SHAPES, TURNING, expecting, result_of, told
 
 TODAY = date(2026, 6, 1)
-ACCEPTED = ("profile-assumed", "slope-steep", "change-large", "travel-not-covered", "value-large")
+ACCEPTED = ("profile-assumed", "slope-steep", "change-large", "travel-not-covered", "value-large", "compensation-contradicted")
 BOTH = 'direction = "both"'
 WHOLE = ("plain", "both", "products", "sizes", "tenths", "inclination", "straightness", "itnc", "chain", "lists", "absolute", "inch")
 """Cases whose report is recorded to its end."""
