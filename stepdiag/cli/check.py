@@ -90,4 +90,4 @@ def _print_json(seen: "Observation", found: "tuple[Finding, ...]") -> None:
     from stepdiag.checking.tables import check_json
 
     document = {**check_json(seen), "findings": [each.as_json() for each in found]}
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))

@@ -58,7 +58,7 @@ class Hand:
         """Take the address of the page and its token."""
         self.page.put((address, token))
 
-    def told(self, line: str) -> None:
+    def show(self, line: str) -> None:
         """Take note of the end of the survey."""
         if line.startswith("complete: "):
             self._complete.set()

@@ -70,7 +70,7 @@ class Watching:
         self._looking = ThreadPoolExecutor(1)
         self._looked = None
 
-    def told(self, line):
+    def show(self, line):
         self.lines.append(line)
 
     def opened(self, address, _token):

@@ -263,12 +263,17 @@ async def checked(row, port):
     told = []
 
     def until_it_is_said():
-        told[:] = [each.text for each in diagnose(seen) if each.code.startswith(name) and each.severity == "error"]
+        told[:] = [each.text for each in diagnose(seen) if _of(each, name) and each.severity == "error"]
         if any(row.words in text and row.seen in text for text in told):
             seen.seconds = math.inf
 
     await watch(seen, PATIENCE_S, until_it_is_said)
     return "; ".join(told), next(stream for stream in seen.streams if stream.link.name == name)
+
+
+def _of(found, name):
+    """Return whether a finding is one of a stream: its code or its sentence begins with the name."""
+    return found.code.startswith(name) or found.text.startswith(name)
 
 
 async def journal(row, port, folder, said):
@@ -285,10 +290,10 @@ async def journal(row, port, folder, said):
 
     def heard():
         """Of a line that is lost the row is known; what an instrument says comes in from a thread, and is that of this daemon's session."""
-        links = [each["detail"] for each in said if each.get("row") == row.name and each.get("link") == name and "detail" in each]
+        links = [str(each["detail"]) for each in said if each.get("row") == row.name and each.get("link") == name and "detail" in each]
         noted = {each["text"] for each in said if each["event"] == "finding"}
         found = daemon._working.session.findings if hasattr(daemon, "_working") else []
-        return "; ".join((*links, *(each.text for each in found if each.code.startswith(name) and each.text in noted)))
+        return "; ".join((*links, *(each.text for each in found if _of(each, name) and each.text in noted)))
 
     while not (row.words in heard() and row.seen in heard()) and asyncio.get_running_loop().time() < end:
         await asyncio.wait({running}, timeout=0.1)
