@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.records.status import FindingStatus
 from testkit.browser import Watched
 from testkit.played import Served, served
@@ -95,14 +96,14 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     """What the daemon cannot do now is told in its words."""
     page = watched.open(daemon.address)
     unlock(page)
-    refusal = UsageError("start", expected="a survey that is paused", found="one that runs")
+    refusal = UsageError("start", expected=message("closed-paused"), found=message("found-running"))
     daemon.do(lambda: setattr(daemon.survey, "refusal", refusal))
     daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
-    expect(page.locator("#answer")).to_have_text("Refused: start: expected a survey that is paused, found one that runs")
+    expect(page.locator("#answer")).to_have_text("Refused: start: expected paused by the operator, found one that runs")
     page.locator("#language").click()
     page.locator("#start").click()
-    expect(page.locator("#answer")).to_have_text("Abgelehnt: start: erwartet war eine angehaltene Vermessung, gefunden eine laufende")
+    expect(page.locator("#answer")).to_have_text("Abgelehnt: start: erwartet war vom Bediener angehalten, gefunden eine laufende")
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 
 

@@ -28,7 +28,10 @@ AFTER = {
     ),
 }
 EXPORTED = re.compile(r"without rigid motion, after +(?P<low>[\d.]+) to (?P<high>[\d.]+) +up to (?P<largest>[\d.]+)")
-REPORTED = re.compile(r"predicted (?P<low>[\d.]+) … (?P<high>[\d.]+) ≤ (?P<largest>[\d.]+)")
+REPORTED = re.compile(
+    r"rms \(k = 2\) / µm [\d.]+ … [\d.]+ (?P<low>[\d.]+) … (?P<high>[\d.]+) .*?largest vector / µm ≤ [\d.]+ ≤ (?P<largest>[\d.]+)"
+)
+"""The row of the table of figures: as found, predicted, as left."""
 VERIFIED = re.compile(r"rms, without rigid motion\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)")
 VERIFIED_LARGEST = re.compile(r"largest, without rigid motion\D+up to [\d.]+\D+up to (?P<largest>[\d.]+)")
 

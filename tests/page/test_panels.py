@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from stepdiag.base.messages import Place, message
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
 from stepdiag.daq.service.finding_list import finding_list
@@ -90,7 +91,14 @@ def test_findings_appear_in_words(page: Page, daemon: Served) -> None:
 def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemon: Served) -> None:
     """Eight stops without a count are one finding, the newest cause first; what does not fit is behind "all"."""
     lost = [
-        FindingStatus(code="beam-lost", severity="error", text=f"npp out, stop {stop} of 30: the count was lost") for stop in range(5, 13)
+        FindingStatus(
+            code="beam-lost",
+            severity="error",
+            text=f"npp out, stop {stop} of 30: the count was lost",
+            message=message("count-was-lost"),
+            at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
+        )
+        for stop in range(5, 13)
     ]
     older = [FindingStatus(code=f"older-{number}", severity="warning", text="something") for number in range(6)]
     daemon.do(lambda: daemon.survey.publish(findings=(*older, *lost)))
@@ -122,8 +130,9 @@ def test_both_languages(page: Page, daemon: Served) -> None:
     page.locator("#language").click()
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
     expect(page.locator("#air")).to_have_text("20,41 °C")
-    named = "/dev/ttyUSB1, 115200 baud"
-    daemon.do(lambda: daemon.survey.publish(head=LinkStatus(state="connected", address=named, age_s=0.1, detail=f"{named}, low latency")))
+    named = "/dev/ttyUSB1"
+    settings = message("port-settings", port=named, baud=115200, latency=message("low-latency"))
+    daemon.do(lambda: daemon.survey.publish(head=LinkStatus(state="connected", address=named, age_s=0.1, detail=settings)))
     expect(page.locator("#links li").nth(2).locator("small")).to_have_text("/dev/ttyUSB1, 115200 Baud, kurze Latenz")
     assert page.locator("html").get_attribute("lang") == "de"
     page.reload()

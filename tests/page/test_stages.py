@@ -207,7 +207,14 @@ def drive(daemon: Served) -> None:
 def trouble(daemon: Served) -> None:
     drive(daemon)
     lost = tuple(
-        FindingStatus(code="beam-lost", severity="error", text=f"npp out, stop {stop} of 30: the count was lost") for stop in range(5, 13)
+        FindingStatus(
+            code="beam-lost",
+            severity="error",
+            text=f"npp out, stop {stop} of 30: the count was lost",
+            message=say("count-was-lost"),
+            at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
+        )
+        for stop in range(5, 13)
     )
     daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=lost))
 

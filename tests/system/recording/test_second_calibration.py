@@ -47,7 +47,7 @@ existing = {existing}
 [limits]
 slope_um_mm = 2.0
 """
-ACCEPT = ("change-large", "correction-small", "value-large")
+ACCEPT = ("compensation-contradicted", "change-large", "correction-small", "value-large")
 ON = 'compensation = "on"\nactive = ["AX_EEC.INI", "NC_CEC.INI"]\nactive_date = 2026-01-31\nactive_source = "archive"'
 GIVEN = {
     "none": [],
