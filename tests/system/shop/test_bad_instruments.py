@@ -272,8 +272,8 @@ async def checked(row, port):
 
 
 def _of(found, name):
-    """Return whether a finding is one of a stream: its code or its sentence begins with the name."""
-    return found.code.startswith(name) or found.text.startswith(name)
+    """Return whether a finding is one of a stream: its code begins with the name, or the subject of its sentence is the stream."""
+    return found.code.startswith(name) or name in found.text[:40]
 
 
 async def journal(row, port, folder, said):
