@@ -255,8 +255,7 @@ def test_each_stage_on_each_screen(screens: Screens, stage: str) -> None:
         expect(page.locator("body")).to_have_attribute("data-stage", stage)
         page.evaluate("scrollTo(0, 0)")
         for place in MATTERS[stage]:
-            # of a finding its sentence and advice: the code below them may need a finger
-            expect(page.locator(place)).to_be_in_viewport(ratio=0.7 if place.startswith("#findings") else 0.99)
+            expect(page.locator(place)).to_be_in_viewport(ratio=0.99)
         assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[name][0]
         page.screenshot(path=str(screens.pictures / f"{stage}-{screens.language}-{name}.png"))
     assert violations(screens.pages["tablet"]) == []
