@@ -32,7 +32,7 @@ export function update(snapshot) {
   if (snapshot.stage === "set-up" || snapshot.stage === "align") draw(beam !== null);
 }
 
-// A tilt belongs to the setup whose steps it was found from: between setups the mirror has been moved, so it is wordsOf as past.
+// A tilt belongs to the setup whose steps it was found from: between setups the mirror has been moved, so it is shown as past.
 function tilt({ tilt_mrad: parts, tilt_setup: setup, expects_setup: expected, tilt_live: live }) {
   const size = parts ? Math.hypot(...parts) : null;
   const words = parts ? `${shown(size, 2)} mrad (${parts.map((part) => shown(part, 2)).join(" / ")})` : "–";
