@@ -25,11 +25,6 @@ class Words:
     cost: str
     do: str
 
-    @property
-    def advice(self) -> str:
-        """Return the cost and what to do."""
-        return f"{self.cost} {self.do}"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explanation:
@@ -78,13 +73,14 @@ def explained(code: str) -> Explanation | None:
 def finding_advice(code: str, language: Language) -> str:
     """Return what a finding means, what it costs and what to do; empty for a code that is not documented."""
     entry = explained(code)
-    return "" if entry is None else f"{entry.words[language].cause} {entry.words[language].advice}"
+    words = None if entry is None else entry.words[language]
+    return "" if words is None else f"{words.cause} {words.cost} {words.do}"
 
 
 def advice_of(code: str, language: Language) -> str:
-    """Return what a finding costs and what to do about it; empty for a code that is not documented."""
+    """Return what to do about a finding; empty for a code that is not documented."""
     entry = explained(code)
-    return "" if entry is None else entry.words[language].advice
+    return "" if entry is None else entry.words[language].do
 
 
 def finding_action(code: str, severity: Severity) -> Action:
