@@ -47,6 +47,8 @@ class Life:
 
     results: list[Result]
     days: list[float]
+    truth: float
+    """The squareness `WATCHED` of the machine as it began."""
     touched: set[str] = field(default_factory=set)
     at: int | None = None
     course: str = ""
@@ -151,18 +153,12 @@ def drift(life: Life, dice: np.random.Generator) -> None:
     years = np.array(life.days) / YEAR.days
     slope = size / years[-1]
     life.touched, life.course = {WATCHED}, "line"
-    truth = machine_truth(life)
     for number, at in enumerate(years):
         life.results[number] = _squarer(life.results[number], WATCHED, slope * at)
     ahead = float(dice.uniform(0.3, 1.5)) * years[-1]
-    tolerance = abs(truth + slope * (years[-1] + ahead))
-    if np.sign(truth + slope * (years[-1] + ahead)) == np.sign(slope) and abs(truth + slope * years[-1]) < tolerance:
+    tolerance = abs(life.truth + slope * (years[-1] + ahead))
+    if np.sign(life.truth + slope * (years[-1] + ahead)) == np.sign(slope) and abs(life.truth + slope * years[-1]) < tolerance:
         life.leaves = (tolerance, (years[-1] + ahead) * YEAR.days)
-
-
-def machine_truth(life: Life) -> float:
-    """Return the true squareness of the machine of a life."""
-    return float(life.results[0].survey.operator) if life.results[0].survey else 0.0
 
 
 def season(life: Life, dice: np.random.Generator) -> None:
@@ -316,10 +312,8 @@ def lived(pool: Sequence[Result], truth: float, fate: Fate, days: Sequence[int],
     """Draw a history of a machine."""
     dice = np.random.default_rng(seed)
     chosen = dice.choice(len(pool), len(days), replace=False)
-    results = [
-        replace(pool[int(number)], survey=Facts(machine="m", survey="s", operator=repr(truth), compensation="off")) for number in chosen
-    ]
-    life = Life(results=results, days=[float(day) for day in days])
+    results = [replace(pool[int(number)], survey=Facts(machine="m", survey="s", compensation="off")) for number in chosen]
+    life = Life(results=results, days=[float(day) for day in days], truth=truth)
     fate(life, dice)
     for number, day in enumerate(life.days):
         life.facts(number, ended=(BEGIN + timedelta(days=day)).strftime("%Y-%m-%d %H:%M UTC"))
