@@ -126,10 +126,10 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
     hundred kilobytes can hold millions of rows, so the end of the file is judged before anything is unpacked.
     """
     with _damage_named(name):
-        metadata = pq.read_metadata(io.BytesIO(data))
+        metadata = pq.read_metadata(pa.BufferReader(data))
         _require_ours(metadata, name, schema)
         _require_small(metadata, name, most_rows, largest)
-        table = pq.ParquetFile(io.BytesIO(data), read_dictionary=[field.name for field in schema if field.type == _WORD]).read()
+        table = pq.ParquetFile(pa.BufferReader(data), read_dictionary=[field.name for field in schema if field.type == _WORD]).read()
         for lacking in schema.names[len(table.schema.names) :]:
             table = table.append_column(schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type))
         if table.schema.types != schema.types:
