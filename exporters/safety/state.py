@@ -24,6 +24,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.field import from_first
 from stepdiag.base.result.result import Function, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
@@ -78,7 +79,7 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
         return None
     at = function.position_mm
     shape = name[1] != name[2] or not function.slope_identified
-    measured, old = (_from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at)))
+    measured, old = (from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at)))
     squares = float(old @ old)
     if squares <= 0.0:
         return None
@@ -112,13 +113,6 @@ def _error_um(tables: Sequence[Table], at: Vector) -> Vector:
     """Return the error that tables correct, mean of both directions of travel."""
     error: Vector = -(summed_um(tables, at, +1) + summed_um(tables, at, -1)) / 2
     return error
-
-
-def _from_first(values: Vector, at: Vector, *, shape: bool) -> Vector:
-    """Return values relative to the first; ``shape`` removes the line through the ends."""
-    line = (values[-1] - values[0]) * (at - at[0]) / (at[-1] - at[0]) if shape else 0.0
-    rest: Vector = values - values[0] - line
-    return rest
 
 
 def judged(found: Sequence[Share]) -> list[Judged]:

@@ -8,8 +8,8 @@ Verdict = Literal["changed", "unchanged", "undecided"]
 
 ERRS = 2 * (1 - NormalDist().cdf(2.0))
 """Chance that an unchanged machine is reported as changed, over all questions asked of it together: that of k = 2, 4.6 %."""
-MISSES = NormalDist().cdf(-3.1)
-"""Chance that "unchanged" covers a change of three times its U: one in a thousand."""
+EXCLUDED = 3.1
+"""A change so many standard uncertainties above its estimate is excluded but for one in a thousand."""
 DENIABLE = 3.0
 """A change up to so many U may hide behind "unchanged"; a larger one must not."""
 
@@ -18,8 +18,3 @@ def coverage_factor(questions: int) -> float:
     """Return the k beyond which one of so many independent differences lies as seldom as a single one beyond k = 2 (Sidak)."""
     single = 1 - (1 - ERRS) ** (1 / max(questions, 1))
     return NormalDist().inv_cdf(1 - single / 2)
-
-
-def excluded_beyond(estimate_in_u: float) -> float:
-    """Return the size of a change, in its standard uncertainty, that an estimate excludes but for `MISSES`."""
-    return abs(estimate_in_u) - NormalDist().inv_cdf(MISSES)

@@ -9,14 +9,14 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import Message, message
-from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.field import error_field_um, from_first, without_rigid_motion
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.comparing.alike import apart, common_share, remarks, same_volume, standing_of
-from stepdiag.comparing.chance import DENIABLE, Verdict, coverage_factor, excluded_beyond
+from stepdiag.comparing.chance import DENIABLE, EXCLUDED, Verdict, coverage_factor
 from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
 
@@ -152,7 +152,7 @@ def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
     u = math.hypot(stated, scattered * whole)
     if abs(difference) > coverage_factor(questions) * u:
         return replace(change, u=u, verdict="changed")
-    hides = abs(difference) + excluded_beyond(0.0) * u > 2 * DENIABLE * whole
+    hides = abs(difference) + EXCLUDED * u > 2 * DENIABLE * whole
     return replace(change, u=u, verdict="undecided" if hides else "unchanged")
 
 
@@ -199,8 +199,8 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
         return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
     nodes = _common_nodes(before, after)
     shape = not (before.slope_identified and after.slope_identified) or _other_line(name, before, after)
-    a = _from_first(_at(before, before.value, nodes), nodes, shape=shape)
-    b = _from_first(_at(after, after.value, nodes), nodes, shape=shape)
+    a = from_first(_at(before, before.value, nodes), nodes, shape=shape)
+    b = from_first(_at(after, after.value, nodes), nodes, shape=shape)
     if before.u is None or after.u is None:
         node = int(np.argmax(np.abs(b - a)))
         return _Asked(change=_at_node(name, before.unit, nodes, a, b, node))
@@ -236,13 +236,6 @@ def _at(function: Function, values: Vector, nodes: Vector) -> Vector:
     """Return a column at other nodes."""
     at: Vector = np.interp(nodes, function.position_mm, values)
     return at
-
-
-def _from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
-    """Return a function relative to its first node; ``shape`` removes the line through the end points."""
-    line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
-    rest: Vector = values - values[0] - (line if shape else 0.0)
-    return rest
 
 
 def _common_volume(results: Sequence[Result]) -> Volume:

@@ -37,7 +37,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.comparing.chance import DENIABLE, ERRS, Verdict, excluded_beyond
+from stepdiag.comparing.chance import DENIABLE, ERRS, EXCLUDED, Verdict
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -203,8 +203,10 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -
             search = _Search(values[:, mine], weights[:, mine], days, candidates, limits, questions)
             worth = np.any(days.broken) or np.any(gains.gain[:, mine].max(axis=1, initial=0.0) > limits)
             courses = search.courses(gains.of(mine), surveys) if worth else ()
-            same = _unchanged(hidden[:, mine], lone[mine], search, gains.of(mine))
-            yield Explained(verdict="changed", courses=courses) if courses else same
+            if courses:
+                yield Explained(verdict="changed", courses=courses)
+            else:
+                yield _unchanged(hidden[:, mine], lone[mine], search, gains.of(mine))
 
 
 def _base(days: Calendar) -> Array:
@@ -334,7 +336,7 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
     steps = np.array([number for number, kind in enumerate(candidates.kinds) if kind == "step"], dtype=np.int64)
     at = candidates.places[steps]
     allowed = 2 * DENIABLE * np.hypot(u[at - 1], u[at])
-    found: Mask = np.any(weights, axis=0) & (np.abs(gains.size[steps]) + excluded_beyond(0.0) * gains.u[steps] > allowed)
+    found: Mask = np.any(weights, axis=0) & (np.abs(gains.size[steps]) + EXCLUDED * gains.u[steps] > allowed)
     return found
 
 
@@ -352,7 +354,7 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
         middle = np.divide((own * values[level]).sum(axis=0) - mine * values[inner], others, out=np.zeros_like(mine), where=usable)
         certain = np.sqrt(sum(np.divide(1.0, each, out=np.zeros_like(mine), where=usable) for each in (mine, others)))
         allowed = 2 * DENIABLE * np.hypot(u[inner], u[level.start : inner.stop - 1])
-        found |= np.any(usable & (np.abs(values[inner] - middle) + excluded_beyond(0.0) * certain > allowed), axis=0)
+        found |= np.any(usable & (np.abs(values[inner] - middle) + EXCLUDED * certain > allowed), axis=0)
     return found
 
 

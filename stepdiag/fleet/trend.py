@@ -168,13 +168,12 @@ def _leaving(series: Series, found: Explained, scattered: float, tolerance: floa
         return None
     times = [survey.time for survey in series.surveys]
     years = np.array([(time - times[-1]) / YEAR for time in times])
-    loaded = [at for at in range(1, len(times)) if series.surveys[at - 1].active != series.surveys[at].active]
+    loaded = np.flatnonzero(_calendar(series.surveys).broken).tolist()
     steps = sorted({*loaded, *(each.at for each in found.courses if each.kind == "step")})
     waves = waves_of(years) if any(each.kind == "season" for each in found.courses) else ()
     design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps), *waves])
-    weights = (1 - series.common**2 + scattered**2) ** -1.0 * series.shown[:, 1] ** -2.0
-    shown = _centred(series)
-    amounts, covariance = fit(shown[kept, None], weights[kept, None], design[kept])
+    weights = (1 - series.common[kept] ** 2 + scattered**2) ** -1.0 * series.shown[kept, 1] ** -2.0
+    amounts, covariance = fit(_centred(series)[kept, None], weights[:, None], design[kept])
     level, slope = float(amounts[0, 0]), float(amounts[1, 0])
     magnitude = len(series.nodes_mm) > 1 or series.quantity in OF_VOLUME
     if slope == 0.0 or (magnitude and slope < 0):

@@ -186,3 +186,10 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     predicted: Vector = error_field_um(result, points) @ along
     relative: Vector = predicted - predicted[0]
     return relative
+
+
+def from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
+    """Return a function relative to its first node; ``shape`` removes the line through the end points."""
+    line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
+    rest: Vector = values - values[0] - (line if shape else 0.0)
+    return rest
