@@ -270,7 +270,7 @@ def _before() -> Any:
     old = [table_of((0, 1, 2, 3), direction=1), table_of((0, 2, 2, 5), direction=-1)]
     profile = limited(profile_of("siemens"), change_um=2.0)
     return {
-        f"{um:g} um, {way}": checked([table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING)
+        f"{um:g} µm, {way}": checked([table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING)
         for um in (2, 3, 4, 5)
         for way in (0, 1, -1)
     }
