@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Message, Words
 from stepdiag.daq.capture.conditions import told_names
 from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
@@ -104,7 +104,7 @@ class MachineSeen:
     signals: Signals = field(default_factory=Signals)
     changes: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
-    trouble: str = ""
+    trouble: Message | None = None
     unanswered: tuple[str, ...] = ()
     heard_s: float = 0.0
     _first_ns: int = 0
@@ -117,7 +117,7 @@ class MachineSeen:
         try:
             now = self.decoder.decode(block)
         except DataError as error:
-            self.trouble = str(error)
+            self.trouble = error.message
             return
         if self.polls and now is not self.signals:
             self.changes.update(name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name))

@@ -13,26 +13,20 @@ from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 
 POSITIONS = ("x_mm", "y_mm", "z_mm")
-WITHOUT = {
-    "stop_count": "a stop that was not seen on Modbus is known by the laser alone, and no handshake is possible",
-    "running": "an aborted program is known by where the laser says the machine is",
-    "heartbeat": "a control that no longer renews its signals is not noticed",
-    "alarm": "an alarm in a pass is not noticed",
-    "setup": "which setup runs is told by the plan alone",
-    "x_mm": "the commanded position is not checked against the survey",
-    "material_temperature_c": "the material temperature is taken from [environment]",
-    "air_temperature_c": "the air temperature is taken from [environment]",
-    "air_pressure_hpa": "the air pressure is taken from [environment]",
-    "relative_humidity_percent": "the humidity is taken from [environment]",
-}
-"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
 OF_THE_STOPS = {
     "stop_count": message("without-stop-count"),
     "running": message("without-running"),
     "heartbeat": message("without-heartbeat"),
     "alarm": message("without-alarm"),
 }
-"""Those that every survey is told of; position and setup have findings of their own, conditions stand in the result."""
+"""What every survey names; position and setup have findings of their own, conditions stand in the result."""
+WITHOUT = {
+    **OF_THE_STOPS,
+    "setup": message("signals-absent.setup"),
+    "x_mm": message("without-position"),
+    **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
+}
+"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
 
 
 def places_known(survey: Survey) -> bool:
