@@ -107,10 +107,9 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
         pass
     end = _end_of(log.end)
     if end.whole:
-        raise DataError(str(path), expected="a log that was cut off", found="a whole log", remedy="there is nothing to mend")
+        raise DataError(str(path), expected=message("log-cut-off"), found=message("whole-log"))
     if target.exists():
-        remedy = "a log is never overwritten: move it away, or name another target"
-        raise DataError(str(target), expected=message("new-file"), found=message("exists"), remedy=remedy)
+        raise DataError(str(target), expected=message("new-file"), found=message("exists"), remedy=message("log-not-overwritten"))
     try:
         messages = _write(path, target, end)
     except OSError as error:

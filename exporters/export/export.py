@@ -88,9 +88,10 @@ def export(
         *standing_findings(standing, result, case.profile),
         *state_findings(result, case.previous, case.profile.machine.measured_with),
     )
-    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
+    where = message("export-of", control=controller)
+    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, where)
     prediction = predict(result, *standing.acting(result, case.profile))
-    refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
+    refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, where)
     all_findings = (
         *findings,
         *plan.findings,
@@ -191,7 +192,7 @@ def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     readable = [file for file in rendered if file.role == "data"]
     read = case.controller.parse(readable, case.profile)
     errors = [item for item in gate_findings(case, read, standing) if item.severity == "error"]
-    refuse((*check_round_trip(case.tables, read), *errors), (), "files as written")
+    refuse((*check_round_trip(case.tables, read), *errors), (), message("files-as-written"))
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)
     suffix = UNTESTED if kinds else ""

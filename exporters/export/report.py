@@ -76,7 +76,7 @@ def _basis(found: Basis) -> Iterator[str]:
         if found.scales:
             yield f"  scales {names[found.tables]}, µm/m (k = 2): {scales_in_words(found.scales)}"
         yield f"  scales {names[found.beside]}, in no table: {scales_in_words(found.other) or 'not known'}"
-    yield from (f"  {name} {value:g}: assumed where no sensor told it" for name, value in found.air.items())
+    yield from (f"  {name} {value:g}: assumed where no sensor measured it" for name, value in found.air.items())
     yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
     if found.tool_um is not None:
         yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} µm"

@@ -72,10 +72,10 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
         *_stated(result, profile),
         *_beside(result, held),
     )
-    refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
+    refuse([item for item in findings if item.severity != "info"], accept, message("export-of", control="linuxcnc"))
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
-    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, "export for linuxcnc")
+    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, message("export-of", control="linuxcnc"))
     findings = (*findings, *harm_findings(prediction, result))
     joints = profile.options_as(LinuxCncOptions).joints
     files = kinematics.control_files(held, profile, joints)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
@@ -255,7 +255,7 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
             yield finding("error", message("file-unsound.read-back", label=table.label, um=off))
 
 
-def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
+def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
     """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that nobody accepted."""
     refusing = [item for item in findings if item.severity != "info"]
     open_findings = [item for item in refusing if item.severity == "error" or not item.is_accepted(accept)]

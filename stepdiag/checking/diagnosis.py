@@ -53,7 +53,7 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
     found += unchecked(seen.survey) if silent else assumed(seen.survey)
     found += () if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
-        found.append(finding("info", message("check-sign"), code="sign-untold"))
+        found.append(finding("info", message("wrong-laser-sign.unseen")))
     return tuple(found)
 
 
@@ -71,7 +71,7 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 def _conditions(seen: Observation) -> Iterator[Finding]:
     """Yield what is wrong with what the laser or a sensor tells of air and material."""
     for name in sorted(seen.air):
-        value = seen.sensor.told.get(name)
+        value = seen.sensor.conditions.get(name)
         if value is None:
             yield _missing_condition(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
@@ -112,8 +112,8 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     yield from _light(stream)
     nominal, rate = stream.decoder.nominal_rate_hz, stream.rate_hz
     if nominal is not None and rate is not None and seconds > JUDGED_AFTER_S and abs(rate / nominal - 1) > RATE_SHARE:
-        words = message("check-rate", stream=name, nominal_hz=nominal, rate_hz=rate)
-        yield finding("warning", words, code=f"{stream.link.name}-rate")
+        words = message("samples-missing.rate", stream=name, nominal_hz=nominal, rate_hz=rate)
+        yield finding("warning", words)
 
 
 def _light(stream: StreamSeen) -> Iterator[Finding]:
@@ -123,7 +123,7 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
     if flags & Flag.BEAM_LOST:
         yield finding("warning", message("beam-lost.standing", stream=name, strength=strength))
     elif flags & Flag.WEAK_BEAM:
-        yield finding("warning", message("check-beam-weak", stream=name, strength=strength), code="beam-weak")
+        yield finding("warning", message("instrument-reports.weak-beam", stream=name, strength=strength))
     for flag, why in _FLAG_WORDS.items():
         if flags & flag and not (flags & Flag.BEAM_LOST and flag is Flag.HEAD_ERROR):
             yield finding("warning", message("instrument-reports.unusable", stream=name, why=why))
@@ -131,7 +131,7 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
 
 def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]) -> Iterator[Finding]:
     if machine.trouble:
-        yield finding("error", machine.trouble, code="machine-answer")
+        yield finding("error", machine.trouble, code="bytes-garbled")
     if not machine.polls:
         if not machine.trouble:
             yield _absent(machine.link, seconds)
@@ -141,8 +141,8 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
     yield from _frozen(machine, plc)
     rate = machine.rate_hz
     if rate is not None and seconds > JUDGED_AFTER_S and rate < POLL_SHARE * plc.poll_hz:
-        words = message("check-polls", rate_hz=rate, poll_hz=plc.poll_hz, slowest_ms=1e3 * machine.slowest_s)
-        yield finding("warning", words, code="machine-slow")
+        words = message("samples-missing.polls", rate_hz=rate, poll_hz=plc.poll_hz, slowest_ms=1e3 * machine.slowest_s)
+        yield finding("warning", words)
 
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
@@ -151,25 +151,25 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
     for name in plc.signal_names:
         if getattr(machine.signals, name) is None:
             field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
-            words = message("check-unserved", name=name, place=plc.place(name), why=why, field=field)
-            yield finding("error" if name == "stopped" else "warning", words, code="signal-refused")
+            words = message("signals-absent.refused", name=name, place=plc.place(name), why=why, field=field)
+            yield finding("error" if name == "stopped" else "warning", words)
     for name in machine.unanswered:
         if name in plc.inputs:
-            words = message("check-unserved", name=name, place=describe(plc.inputs[name]), why=why, field=f"plc.inputs.{name}")
-            yield finding("error" if name in plc.standing else "warning", words, code="signal-refused")
+            words = message("signals-absent.refused", name=name, place=describe(plc.inputs[name]), why=why, field=f"plc.inputs.{name}")
+            yield finding("error" if name in plc.standing else "warning", words)
     for name, (low, high) in PLAUSIBLE.items():
         value = getattr(machine.signals, name)
         if value is not None and not low < value <= high:
             spec = plc.signals[name]
-            words = message("check-implausible", name=name, value=value, place=describe(spec), type=spec.type, order=spec.order)
-            yield finding("warning", words, code="signal-implausible")
+            words = message("signals-absent.implausible", name=name, value=value, place=describe(spec), type=spec.type, order=spec.order)
+            yield finding("warning", words)
     setup = machine.signals.setup
     if setup is not None and setup != 0 and setup not in SETUP_NUMBERS:
-        words = message("check-setup", setup=setup, known=[str(number) for number in SETUP_NUMBERS])
-        yield finding("warning", words, code="signal-implausible")
+        words = message("signals-absent.setup-number", setup=setup, known=[str(number) for number in SETUP_NUMBERS])
+        yield finding("warning", words)
     for name, lost in WITHOUT.items():
         if name not in plc.signal_names and name not in air:
-            yield finding("info", lost, code="signal-not-mapped")
+            yield finding("info", lost, code="signals-absent")
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
@@ -181,7 +181,7 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
         where, value = plc.place("heartbeat"), machine.signals.heartbeat
         yield finding("error", message("heartbeat-still.register", place=where, value=value, heard_s=heard_s))
     elif changes < heard_s / HEARTBEAT_S / 2:
-        yield finding("warning", message("check-heartbeat", count=changes, heard_s=heard_s), code="heartbeat-slow")
+        yield finding("warning", message("heartbeat-still.slow", count=changes, heard_s=heard_s))
 
 
 def _absent(link: LinkSeen, seconds: float) -> Finding:

@@ -54,7 +54,7 @@ class Node:
 
     def mapping(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
-            self.refuse("an object")
+            self.refuse(message("an-object"))
         return self.value
 
     def child(self, name: str) -> "Node":
