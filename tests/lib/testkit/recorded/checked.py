@@ -528,7 +528,7 @@ def _remarks() -> Any:
 
 
 def _laws() -> Any:
-    """What the laws make of one table: its words, absolute values and movement in both directions."""
+    """What the laws make of one table: absolute values and movement in both directions."""
     at = np.array([-250.0, -200.0, -150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0])
     found: dict[str, Any] = {}
     for sense in ("as-error", "as-compensation"):
@@ -538,7 +538,6 @@ def _laws() -> Any:
                     law = Law(sense=sense, data=data, between=between, ends=ends)
                     one = replace(table_of((0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3), offset_um=1.5)
                     found[f"{sense} {data} {between} {ends}"] = [
-                        law.describe(),
                         str(one.label),
                         str(one.identity),
                         one.absolute_um.tolist(),
@@ -565,7 +564,7 @@ def _moved(one: Table, at: np.ndarray) -> list[Any]:
         correction_um(one, at, 1).tolist(),
         correction_um(one, at, -1).tolist(),
         correction_um(straight, at, 1).tolist(),
-        straight.law.describe(),
-        list(plain_rows(one)),
+        straight.law.between,
+        plain.figures(plain_rows(one)),
         [each.label for each in zeroed([one])],
     ]

@@ -134,7 +134,7 @@ def _of_plan(controller: Any, profile: Any, result: Result) -> Any:
     )
     settled = replace(profile, options=plan.options or profile.options)
     by_kind = {f"{table.kind} {table.input_axis}": str(controller.limits(table, settled)) for table in (*plan.tables, *plan.listed)}
-    return {"limits": by_kind, "steps": list(controller.instructions(settled)), "findings": [said(item) for item in plan.findings]}
+    return {"limits": by_kind, "steps": len(controller.instructions(settled)), "findings": [said(item) for item in plan.findings]}
 
 
 def _nets() -> Any:
