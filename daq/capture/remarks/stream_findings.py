@@ -52,8 +52,8 @@ class StreamRemarks:
             kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
             if kind not in self._reported:
                 self._reported.add(kind)
-                lost = message("bytes-were-lost", stream=STREAMS[link], cause=cause)
-                outcomes.append(finding("warning", lost, code="bytes-lost"))
+                lost = message("samples-missing.bytes", stream=STREAMS[link], cause=cause)
+                outcomes.append(finding("warning", lost))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
         kind = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
