@@ -16,7 +16,7 @@ import numpy as np
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
-from stepdiag.base.result.result import Result
+from stepdiag.base.result.result import AXIS_LETTERS, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
@@ -42,7 +42,7 @@ from stepdiag.exporters.safety.state import state_findings
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
-from stepdiag.exporters.tables.profile import AXIS_LETTERS, Profile
+from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
 """The points of a quick look meet what was measured to this; targets that are not even need a part of the survey's increments."""

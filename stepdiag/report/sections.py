@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import in_words
 from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
@@ -16,7 +17,6 @@ from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, 
 from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
 from stepdiag.texts.texts import UNITS, Language
 

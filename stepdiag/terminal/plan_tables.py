@@ -5,10 +5,10 @@ from math import isfinite
 
 from rich.table import Table
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Addition, Forecast
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 

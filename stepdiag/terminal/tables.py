@@ -8,10 +8,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import Finding
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
 from stepdiag.texts.texts import UNITS
 

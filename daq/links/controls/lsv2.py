@@ -14,12 +14,12 @@ from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
+from stepdiag.daq.links.ports.device import LARGEST_READ
 from stepdiag.daq.records.events import ReadRange
 
 if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
-_LARGEST_READ = 65536
 _LARGEST_ANSWER = 1_000_000
 """What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
@@ -97,7 +97,7 @@ class _Line:
 
     def recv(self, count: int) -> bytes:
         """Return what there is. Raises ConnectionResetError at the end of the connection, ValueError for an answer without end."""
-        data: bytes = self.socket.recv(min(count, _LARGEST_READ))
+        data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
             raise ConnectionResetError("closed by the other end")
         self.answered += len(data)

@@ -19,7 +19,9 @@ def test_each_cause_is_a_finding_once_a_log_however_often_it_is_told():
     remarks = StreamRemarks({})
     for lost in ([CAUSES[0]], [message(CAUSES[0].key, count=9)], CAUSES[:2]):
         remarks.lost("laser", lost, said)
-    assert [(each.key, each.text) for each in said] == [("samples-missing.bytes", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]]
+    assert [(each.key, each.text) for each in said] == [
+        ("samples-missing.bytes", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]
+    ]
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.key)
