@@ -109,11 +109,11 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     if end.whole:
         raise DataError(str(path), expected=message("log-cut-off"), found=message("whole-log"))
     if target.exists():
-        raise DataError(str(target), expected=message("new-file"), found=message("exists"), remedy=message("log-not-overwritten"))
+        raise DataError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("log-not-overwritten"))
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise UsageError(str(target), expected=message("expects-file-written"), found=system_words(error)) from error
+        raise UsageError(str(target), expected=message("file-can-be-written"), found=system_words(error)) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 

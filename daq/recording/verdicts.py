@@ -143,7 +143,7 @@ def append_line(path: Path, line: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # of a word that is refused nothing may count
             _back_to(path, before)
-        raise UsageError(str(path), expected=message("expects-file-written"), found=system_words(error)) from error
+        raise UsageError(str(path), expected=message("file-can-be-written"), found=system_words(error)) from error
 
 
 def _back_to(path: Path, size: int | None) -> None:

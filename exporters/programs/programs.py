@@ -100,5 +100,5 @@ def program_name(sequence: Sequence, control: str, setup: str) -> str:
 
 def _dialect(control: str) -> Dialect:
     if control not in _DIALECTS:
-        raise UsageError("controller", expected=message("expects-one-of", names=CONTROLS), found=repr(control))
+        raise UsageError("controller", expected=message("one-of", names=CONTROLS), found=repr(control))
     return _DIALECTS[control]
