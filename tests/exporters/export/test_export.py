@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -83,6 +84,11 @@ def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(t
     assert not [item for item in fitting.findings if item.key == "stretch-worse"]
 
 
+@cache
+def measured_in(increments: int) -> Result:
+    return solve(Bench(increments=increments).survey())
+
+
 class TestQuickLook:
     @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"fanuc"}))
     def test_a_step_alone_suffices_and_the_files_mend_the_machine(self, name, tmp_path):
@@ -119,7 +125,7 @@ class TestQuickLook:
     @pytest.mark.parametrize("increments", [4, 7, 10, 24])
     def test_a_quick_look_has_its_points_where_the_errors_were_measured(self, control, increments, tmp_path):
         """No step leaves less, and none of 50 mm less by a micrometre: the points of a table cut what lies beside them."""
-        measured = solve(Bench(increments=increments).survey())
+        measured = measured_in(increments)
         left = {}
         for step in (None, 50.0, 12.5):
             report = export(measured, control, None, step_mm=step, accept=("slope-steep",), out_dir=tmp_path / f"{step}")
