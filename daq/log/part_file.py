@@ -11,7 +11,7 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 class PartFile:
-    """Takes bytes into memory and drains them to disk when told.
+    """Takes bytes into memory and drains them to disk on request.
 
     The writer above never sees the disk fail: what a full disk refuses stays here, to be drained when there is space again, so
     that no record is torn in the middle of the file. Not safe for use from two threads.

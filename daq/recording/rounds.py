@@ -144,7 +144,7 @@ def next_round(begun: Round) -> Round:
 
 
 def mend(folder: Path) -> None:
-    """Recover every log of a folder that was cut off; what cannot be mended is said and left as it is."""
+    """Recover every log of a folder that was cut off; what cannot be mended is reported and left as it is."""
     for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
         if part.with_suffix("").exists():
             continue

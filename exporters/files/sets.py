@@ -39,7 +39,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
         if not _stands_there(target, everything):
             _place(target, everything)
     except OSError as error:
-        raise UsageError(str(folder), expected=message("expects-written"), found=system_words(error)) from error
+        raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
     return tuple(file.name for file in everything)
 
 

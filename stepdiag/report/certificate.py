@@ -14,10 +14,10 @@ from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
 from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach, interval_of, judged_in, probability_words, quantity_words, verdict_words
-from stepdiag.report.drawings.figures import UNITS
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
 from stepdiag.report.sections import Table, shown
 from stepdiag.texts import Language
+from stepdiag.texts.texts import UNITS
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",

@@ -204,19 +204,19 @@ def coarse_said(report):
 
 
 def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(tmp_path):
-    """EXX 0 3 8 12 20 um, nodes 100 mm apart, through every other of them: 4 instead of 3, 14 instead of 12. On them, nothing is said."""
+    """EXX 0 3 8 12 20 µm, nodes 100 mm apart, through every other of them: 4 instead of 3, 14 instead of 12. On them, nothing is said."""
     wide = coarse_said(export(RESULT, "siemens", machine(X={"step_mm": 200.0}), out_dir=tmp_path / "wide", today=TODAY))
     assert len(wide) == 1
-    assert "up to: EXX 2.0 um, EYX 0.5 um; take a step that meets them, or a smaller one" in wide[0]
+    assert "up to: EXX 2.0 µm, EYX 0.5 µm; take a step that meets them, or a smaller one" in wide[0]
     for step_mm in (100.0, 50.0):
         fine = export(RESULT, "siemens", machine(X={"step_mm": step_mm}), out_dir=tmp_path / f"{step_mm:g}", today=TODAY)
         assert not coarse_said(fine)
 
 
 def test_a_fine_table_beside_the_measured_positions_says_so_too(tmp_path):
-    """Points 80 mm apart cut the bends of nodes 100 mm apart: 9.6 and 13.6 um at 40 and 120 mm make 12.6 um of the 12 at 100 mm."""
+    """Points 80 mm apart cut the bends of nodes 100 mm apart: 9.6 and 13.6 µm at 40 and 120 mm make 12.6 µm of the 12 at 100 mm."""
     beside = coarse_said(export(RESULT, "siemens", machine(X={"step_mm": 80.0}), out_dir=tmp_path / "tables", today=TODAY))
-    assert "EXX 0.6 um" in beside[0]
+    assert "EXX 0.6 µm" in beside[0]
 
 
 @pytest.mark.parametrize(("step_mm", "said"), [(40.0, True), (50.0, False), (25.0, False)])

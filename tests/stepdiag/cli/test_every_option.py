@@ -466,7 +466,7 @@ def test_the_same_call_makes_the_same(name, shop, kept):
      ("--tolerance", "tolerance.toml"), ("--monte-carlo", "1000"), ("--run", "none.rtl")],
 )  # fmt: skip
 def test_logs_take_no_option_of_readings(given, shop):
-    """Angles beside logs were read by nobody: 3.5 um of uncertainty where they give 1.7."""
+    """Angles beside logs were read by nobody: 3.5 µm of uncertainty where they give 1.7."""
     told = stepdiag("solve", shop, *given)
     assert told.code == 2
     assert f"{given[0]}: expected one readings file (*.csv), found logs" in told.refusal
