@@ -137,11 +137,34 @@ def test_survey_is_judged_as_found_and_predicted_and_reads_back():
     again = parse_result(result.to_json())
     assert again.tolerance == TOLERANCE
     assert [one.verdict for one in again.conformity.as_found] == [one.verdict for one in result.conformity.as_found]
-    assert [one.quantity for one in result.conformity.predicted] == ["volumetric_rms", "volumetric_largest"]
+    assert [one.quantity for one in result.conformity.predicted] == [
+        "volumetric_rms",
+        "volumetric_largest",
+        "C0Y",
+        "B0Z",
+        "A0Z",
+        "EXX",
+        "EYX",
+    ]
     figures = result.predicted.without_rigid_motion["before"]
     assert (figures.rms_um.low_um, figures.rms_um.high_um) == (result.conformity.as_found[0].low, result.conformity.as_found[0].high)
     assert replace(figures.rms_um, within=None) == solved(1).predicted.without_rigid_motion["before"].rms_um
     assert result.predicted.as_it_is["before"].rms_um.within is None
+
+
+def test_what_is_predicted_is_what_stays_unknown_after_an_ideal_compensation():
+    """A squareness is zero within its U; the range of a straightness is that of its noise; angles, E and A are in no table."""
+    modes = {"EYX": 0.5 * np.eye(5)}
+    result = replace(made_result({"EYX": np.array([0.0, 40.0, 0.0, -40.0, 0.0])}), posterior=_posterior(modes))
+    judged = with_tolerance(result, {"squareness_urad": 20.0, "EYX": 10.0, "EBX": 10.0, "positioning_e_um": 10.0}).conformity
+    assert {one.quantity: one.verdict for one in judged.as_found}["EYX"] == "not_conform"
+    predicted_of = {one.quantity: one for one in judged.predicted}
+    assert set(predicted_of) == {"C0Y", "B0Z", "A0Z", "EYX"}
+    assert predicted_of["EYX"].verdict == "conform"
+    noise = replace(made_result(), posterior=_posterior(modes))
+    assert predicted_of["EYX"].high == with_tolerance(noise, {"EYX": 10.0}).conformity.as_found[0].high
+    for name, number in result.squareness.items():
+        assert (predicted_of[name].low, predicted_of[name].high) == (-2.0 * number.u, 2.0 * number.u)
 
 
 def test_without_a_tolerance_there_is_no_word_of_one():

@@ -344,9 +344,14 @@ def test_logs_are_solved_again(tmp_path: Path) -> None:
     log.rename(folder / "renamed.mcap")
     assert verdict(tmp_path) == "", "a log is known by what it says"
     (folder / "renamed.mcap").rename(log)
-    for data in (whole[:-200], whole[:-40] + bytes([whole[-40] ^ 1]) + whole[-39:]):
+    data_end = whole.rindex(b"\x0f\x04\0\0\0\0\0\0\0")
+    for data in (whole[:-200], _flip(whole, len(whole) - 40), _flip(whole, data_end, 16), _flip(whole, data_end + 1, 4)):
         log.write_bytes(data)
         assert verdict(tmp_path) == "custody-changed"
+
+
+def _flip(data: bytes, at: int, bits: int = 1) -> bytes:
+    return data[:at] + bytes([data[at] ^ bits]) + data[at + 1 :]
 
 
 def test_words_of_persons_are_links(tmp_path: Path) -> None:
