@@ -183,8 +183,8 @@ def verify(
     diagonal: Diagonals = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
     custody: Annotated[
-        Path | None, typer.Option(help="Of a certificate: the folder of its logs, result and files; its own without it.")
-    ] = None,
+        str, typer.Option(help="Of a certificate: the folder of its logs, result and files, or a store; its own folder without it.")
+    ] = "",
     key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
     compensation: Compensation = None,
     active: Active = None,
@@ -202,7 +202,7 @@ def verify(
     if result.suffix.lower() == ".xml":
         verify_file(result, custody, key_certificate)
         return
-    if custody is not None or key_certificate is not None:
+    if custody or key_certificate is not None:
         raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
