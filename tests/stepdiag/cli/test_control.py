@@ -274,8 +274,29 @@ class TestSignTest:
         off, on = self.runs(profile, tmp_path, sense)
         told = stepdiag(*self.arguments(profile, result), "--off", off, "--on", on, "--date", "2026-05-31")
         assert told.code == 0
-        assert f'kind = "eec"\ndate = 2026-05-31\nverdict = "{verdict}"' in told.out
+        assert f'kind = "eec"\ndate = 2026-05-31\nverdict = "{verdict}"\nmachine = "test machine"\ncontrol = "siemens"' in told.out
+        hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (off, on)]
+        assert f"runs_sha256 = {json.dumps(hashes)}" in told.out
         assert ("will be refused" in told.out) == (verdict == "as-compensation")
+
+    def test_swapped_runs_are_refused_by_name(self, profile, result, tmp_path):
+        """They were recorded as the opposite sense, and a machine went from 7.46 to 9.28 um."""
+        off, on = self.runs(profile, tmp_path, 1.0)
+        told = stepdiag(*self.arguments(profile, result), "--off", on, "--on", off)
+        assert told.code == 3
+        assert "the two runs are swapped" in told.refusal
+
+    def test_without_the_curve_of_the_survey_there_is_no_verdict(self, profile, tmp_path):
+        off, on = self.runs(profile, tmp_path, 1.0)
+        full = profile.with_name("full.toml")
+        ends = 'name = "{0}"\nstart_mm = {1}\nend_mm = {2}'
+        text = profile.read_text(encoding="utf-8")
+        for name, low, high in (("AX1", -200.0, 200.0), ("AX2", 0.0, 400.0), ("AX3", -100.0, 100.0)):
+            text = text.replace(f'name = "{name}"', ends.format(name, low, high))
+        full.write_text(text, encoding="utf-8")
+        told = stepdiag("signtest", "--controller", "siemens", "--profile", full, "--off", off, "--on", on)
+        assert told.code == 2
+        assert "--result: expected the survey's result" in told.refusal
 
     def test_a_table_that_was_not_active_decides_nothing(self, profile, result, tmp_path):
         off, on = self.runs(profile, tmp_path, 0.0)
@@ -285,7 +306,8 @@ class TestSignTest:
 
     def test_a_cross_table_is_seen_with_a_dial(self, profile, result, tmp_path):
         run = tmp_path / "run.csv"
-        run.write_text("position_mm,off_um,on_um\n" + "".join(f"{at:g},0,0\n" for at in self.positions), encoding="ascii")
+        bow = np.interp(self.positions, VOLUME.nodes_mm(0), BENT["EYX"])
+        run.write_text("position_mm,off_um,on_um\n" + "".join(f"{at:g},{um},{um}\n" for at, um in zip(self.positions, bow, strict=True)))
         arguments = (*self.arguments(profile, result), "--function", "EYX")
         assert "not active" in stepdiag(*arguments, "--run", run).refusal
         assert "a linear run sees its own axis only" in stepdiag(*arguments, "--off", run, "--on", run).refusal
