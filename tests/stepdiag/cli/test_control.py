@@ -227,6 +227,45 @@ class TestProfile:
         assert "p.toml: machine.name" in told.refusal
 
 
+class TestReadBack:
+    """Files that were read out of the control are compared with those that were written."""
+
+    def exported(self, result: Path, tmp_path: Path) -> Path:
+        assert stepdiag("export", result, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50).code == 0
+        return tmp_path / "out"
+
+    def held(self, folder: Path, tmp_path: Path, switches: str) -> Path:
+        """Return the tables of an export as a control would write them out, with switches."""
+        texts = [path.read_text(encoding="ascii").replace("M17\n", "") for path in sorted(folder.glob("*_UNTESTED_SIGN.INI"))]
+        path = tmp_path / "STEPDIAG_BACK.INI"
+        lines = [line for text in texts for line in text.splitlines() if line.startswith("$")]
+        path.write_text("\n".join([*lines, switches, "M17", ""]), encoding="ascii")
+        return path
+
+    def switches(self, folder: Path) -> str:
+        names = re.findall(r'"(\$(?:SN_CEC_TABLE|MA)[A-Z_]+\[[^]]*\])="', (folder / "READ_BACK.MPF").read_text(encoding="ascii"))
+        return "\n".join(f"{name}=1" for name in names)
+
+    def test_as_written(self, result, tmp_path):
+        folder = self.exported(result, tmp_path)
+        told = stepdiag("verify", result, folder, "--read-back", self.held(folder, tmp_path, self.switches(folder)))
+        assert told.code == 0, told.out
+        assert re.search(r"read back: \d+ numbers and 18 switches and weights in the control are as written", told.out)
+
+    def test_a_table_that_is_off_is_wrong(self, result, tmp_path):
+        folder = self.exported(result, tmp_path)
+        off = self.switches(folder).replace("$SN_CEC_TABLE_ENABLE[2]=1", "$SN_CEC_TABLE_ENABLE[2]=0")
+        told = stepdiag("verify", result, folder, "--read-back", self.held(folder, tmp_path, off), "--json")
+        assert told.code == 5
+        (found,) = json.loads(told.out)["read_back"]["findings"]
+        assert found["text"] == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
+
+    def test_without_the_files_of_the_export_there_is_nothing_to_compare(self, result, tmp_path):
+        told = stepdiag("verify", result, "--read-back", result)
+        assert told.code == 2
+        assert "--read-back: expected the files of the export" in told.refusal
+
+
 class TestSignTest:
     positions = np.linspace(-200.0, 200.0, 17)
 

@@ -79,7 +79,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"],
+            "--read-back": ["--read-back", "AX_EEC.INI"], **STATED,
         },
     ),
     "compare": (
