@@ -85,8 +85,10 @@ def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int
     ``silent`` stands for what it should tell and has not for `STALE_NS`: None, or NaN for who judges it (`Conditions`).
     """
     told = told_names(survey, sensor)
+    if not told:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
+        return signals
     fresh = sensor.told_since(now_ns - STALE_NS)
-    return replace(signals, **{name: fresh.get(name, silent) for name in told}) if told else signals  # type: ignore[arg-type]
+    return replace(signals, **{name: fresh.get(name, silent) for name in told})  # type: ignore[arg-type]
 
 
 def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
