@@ -11,10 +11,11 @@ import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
+from stepdiag.base.disk.part import folder_made, part_of, write_through
+from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, SafetyError, UsageError, system_words
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
 from stepdiag.base.messages import Words, message
-from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
 

@@ -15,6 +15,7 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written as json_of
 from stepdiag.certificate.elements import VERSION, Words, data, element, note, real, sha256, words
 from stepdiag.certificate.figures import KELVIN, UNITS, Figure, figures_of, predicted_figures, written
+from stepdiag.comparing.compare import require_alike, require_same_volume
 from stepdiag.conclusion import judged_in, quantity_words, verdict_words
 from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, Place, Stated
 from stepdiag.texts import LANGUAGES, catalogue
@@ -43,12 +44,23 @@ def certificate_of(
 
     ``custody`` names every thing that it rests on by its SHA-256, ``left`` is the result of the survey after loading, ``accepted`` are the
     findings that a person accepted, with name and reason.
-    Raises DataError where neither result nor file states when the machine was measured: the schema asks for it.
+    Raises DataError where neither result nor file states when the machine was measured (the schema asks for it), and where ``left`` is of
+    another machine, another volume or an earlier day.
     """
+    if left is not None:
+        _require_later(result, left)
     return element(
         "digitalCalibrationCertificate", _administrative(result, stated, custody, left),
         _measured(result, stated, custody, left, accepted), schemaVersion=VERSION,
     )  # fmt: skip
+
+
+def _require_later(found: Result, left: Result) -> None:
+    require_alike(found, left)
+    require_same_volume(found, left)
+    before, after = ((each.survey or Facts()).ended or (each.survey or Facts()).date for each in (found, left))
+    if before and after and after < before:
+        raise DataError(left.source, expected=message("survey-after", day=before), found=after)
 
 
 def _administrative(result: Result, stated: Stated, custody: Sequence[Link], left: Result | None) -> ET.Element:

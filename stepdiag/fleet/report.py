@@ -89,11 +89,11 @@ def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[s
         name = f"{name} ({rendered(trend.series.other, language)})"
     many = trend.verdict != "unchanged" and (trend.verdict == "changed" or len(trend.series.surveys) > 1)
     found = [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
-    if trend.outside == "yes":
-        found.append(localised(f"{name}: {words['outside']} {trend.tolerance:g} {unit}", language))
-    elif already_perhaps(trend):
-        found.append(localised(f"{name}: {words['perhaps']} {trend.tolerance:g} {unit}", language))
-    elif trend.leaving is not None and trend.leaving.likely is not None:
+    if trend.conformity is not None:
+        found.append(localised(f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language))
+    if trend.outside == "yes" or already_perhaps(trend):
+        return found
+    if trend.leaving is not None and trend.leaving.likely is not None:
         edges = [words["never"] if at is None else day(at) for at in (trend.leaving.earliest, trend.leaving.latest)]
         found.append(f"{name}: {words['leaves']} {day(trend.leaving.likely)} ({edges[0]} – {edges[1]})")
     return found

@@ -1,6 +1,10 @@
 """Every option of a command changes what it prints or writes, or is refused: none is accepted and not used."""
 
+import json
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +15,7 @@ import pytest
 import typer.main
 
 from stepdiag.base.result.result import Result
+from stepdiag.cli import LINUX_ONLY
 from stepdiag.cli.app import app
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import parse_profile
@@ -23,6 +28,7 @@ from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
+from testkit.elsewhere import digests
 from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
@@ -80,7 +86,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"],
+            "--read-back": ["--read-back", "AX_EEC.INI"], **STATED,
         },
     ),
     "compare": (
@@ -202,6 +209,9 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
 After a colon stands what a call of the command is for, where it has several.
 """
 
+NEEDED = {"demo": [], "setup": ["new.toml"], "status": ["."], "fleet": ["store"], "publish": ["result.json", "--broker", "localhost"]}
+"""What the commands that need Linux take at least, where it is no survey file."""
+
 COVERED: dict[str, dict[str, list[str]]] = {
     "demo": {
         "system/service/test_demo_live.py": ["--live", "--out"],
@@ -307,7 +317,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
     low = VOLUME.origin_mm[0]
     points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
-    dial = list(zip(points[:, 0], total_correction_um(moved, points)[:, 0], strict=True))
+    (curve,) = fitted(result, ["EXX"]).curves
+    dial = list(zip(points[:, 0], curve.at(points[:, 0]), total_correction_um(moved, points)[:, 0], strict=True))
     texts = {
         "result.json": result.to_json(),
         "later.json": replace(result, errors={**result.errors, "EXX": result.errors["EYY"]}).to_json(),
@@ -325,8 +336,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
         "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
-        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
-        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),
+        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own + by}\n" for at, own, by in dial),
+        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own - by}\n" for at, own, by in dial),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -484,3 +495,24 @@ def test_a_scheduler_has_workers_of_its_own(tmp_path):
     told = stepdiag("resolve", tmp_path, "--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
     assert told.code == 2
     assert "--workers: expected no --scheduler beside it" in told.refusal
+
+
+def test_files_are_worked_on_wherever_python_runs(shop, kept):
+    """Without the modules and calls that Windows has not, each call ends alike with the same bytes; what needs Linux is refused."""
+    calls = {name: call for name, (call, _) in CALLS.items()}
+    linux = {name: ["run", "survey.toml"] if name == "run" else [*name.split(), *NEEDED.get(name, ["survey.toml"])] for name in LINUX_ONLY}
+    given = json.dumps({**calls, **linux})
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run(
+        [sys.executable, "-m", "testkit.elsewhere"], input=given, capture_output=True, text=True, cwd=shop, env=environment, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    ends = json.loads(ended.stdout)
+    for name in LINUX_ONLY:
+        code, out, refusal, _ = ends[name]
+        assert (code, out) == (2, ""), name
+        assert f"stepdiag {name}: expected Linux" in refusal
+    for name, call in calls.items():
+        here = stepdiag(*call)
+        assert [*here, digests(shop)] == ends[name], name
+        _put_back(shop, kept)

@@ -76,7 +76,7 @@ class TestWhatIsWrong:
         result = replace(made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value))
         (_, sentence), *_ = conclude(result).wrong
         assert f"C0Y, towards {towards}" in render(sentence, "en")
-        assert "Y steht 25 µrad schief zu X" in render(sentence, "de")
+        assert "Y steht 25,00 µrad schief zu X" in render(sentence, "de")
 
     def test_what_lies_within_its_uncertainty_is_not_wrong(self) -> None:
         """3 urad with u = 2 urad say nothing of the machine."""

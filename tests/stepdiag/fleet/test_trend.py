@@ -22,7 +22,7 @@ from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.fleet.terminal import as_csv, leaves
+from stepdiag.fleet.terminal import as_csv, as_json, leaves
 from stepdiag.fleet.trend import YEAR, already_perhaps, statements, trend_of, trends_of
 from stepdiag.texts.texts import UNITS
 from testkit.browsing import visit
@@ -237,8 +237,32 @@ class TestLine:
         found = trend_of(made_series([8.0 + 0.2 * number for number in range(12)], u=0.2), tolerance=10.0)
         assert found.outside == "perhaps"
         assert already_perhaps(found)
-        assert leaves(found) == "perhaps outside already"
+        assert leaves(found).startswith("not decidable: perhaps outside ")
         assert "perhaps outside its tolerance" in fleet_html([found], "store", "en")
+
+    @pytest.mark.parametrize(
+        ("last", "u", "verdict", "english", "german"),
+        [
+            (8.0, 0.5, "conform", "conform to its tolerance of 10 um", "konform mit der Toleranz von 10"),
+            (9.5, 0.5, "not_decidable", "not decidable", "nicht entscheidbar"),
+            (8.0, None, "not_decidable", "not decidable", "nicht entscheidbar"),
+            (12.0, 0.5, "not_conform", "not conform, outside", "nicht konform, außerhalb"),
+        ],
+    )
+    def test_the_last_figure_is_judged_by_the_tolerance_of_the_store(
+        self, last: float, u: float | None, verdict: str, english: str, german: str
+    ) -> None:
+        """ISO 14253-1, in the table, for programs and on the sheet; without a tolerance there is no word of it."""
+        series = made_series([8.0, 8.0, last], u=u)
+        found = trend_of(series, tolerance=10.0)
+        assert found.conformity == verdict
+        assert as_json([found], [])["series"][0]["conformity"] == verdict
+        assert leaves(found).startswith(verdict.replace("_", " "))
+        assert english in fleet_html([found], "store", "en")
+        assert german in fleet_html([found], "store", "de")
+        plain = trend_of(series)
+        assert plain.conformity is None
+        assert "conform" not in leaves(plain) + fleet_html([plain], "store", "en")
 
     def test_the_day_of_a_machine_with_seasons_is_true_as_often_as_its_interval_states(self) -> None:
         held = asked = 0
