@@ -42,7 +42,7 @@ from stepdiag.solver.uncertainty.machine import Machine, fields_um, machine_of, 
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The effects that all setups share beside the angles, and how many causes they have where no reading shows them (growth: without times)."""
+"""The effects that all setups share beside the angles, and how many causes they have where nothing shows them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
 """Precision of what nobody knows: it makes a matrix regular and says nothing; and sizes of
 displacements that say as little: beside the larger rounding is 1e-8."""
