@@ -23,6 +23,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.recovery import copy_record
@@ -88,9 +89,7 @@ def pack(log: Path) -> int:
         file.close()
     if digest(part) != wanted:
         part.unlink()
-        raise DataError(
-            str(log), expected="a packed log with the same records", found="other ones", remedy="report this; the log is as it was"
-        )
+        raise DataError(str(log), expected=message("same-records"), found=message("other-records"), remedy=message("report-log-unchanged"))
     after = part.stat().st_size
     os.utime(part, ns=(before.st_atime_ns, before.st_mtime_ns))
     part.replace(log)

@@ -118,7 +118,7 @@ def _check_date(file: HeadFile, source: str) -> None:
     try:
         dt.date.fromisoformat(file.head.date)
     except ValueError as error:
-        raise UsageError(f"{source}: head.date", expected=message("day-such-as"), found=file.head.date) from error
+        raise UsageError(f"{source}: head.date", expected=message("a-day"), found=file.head.date) from error
 
 
 def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:

@@ -30,6 +30,7 @@ SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
 """Tolerances of the figures of ISO 230-2 along every axis, by name."""
 COVERAGE = 2.0
+"""Every uncertainty that a person reads is expanded, k = 2 (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
 
 

@@ -33,7 +33,7 @@ METHODS = (
 CONFORMITY = ("statement of conformity with a guard band of U (k = 2)", ("ISO 14253-1:2017", "JCGM 106:2012"))
 
 
-def _said(key: str, section: str = "report") -> Words:
+def _words_of(key: str, section: str = "report") -> Words:
     return {language: catalogue(section, language)[key] for language in LANGUAGES}
 
 
@@ -218,7 +218,7 @@ def _state(state: str, result: Result, figures: Callable[[Result], Iterator[Figu
     conditions = list(_conditions(result)) if state != "predicted" else []
     return element(
         "measurementResult",
-        words("name", _said(state)),
+        words("name", _words_of(state)),
         words("description", f"method {result.method}; error = actual - commanded, of the tool relative to the workpiece"),
         element("influenceConditions", *conditions) if conditions else None,
         element("results", *results),
@@ -237,7 +237,7 @@ def _conditions(result: Result) -> Iterator[ET.Element]:
     statement = stated_in(result).words()
     yield element(
         "influenceCondition",
-        words("name", _said("compensation")),
+        words("name", _words_of("compensation")),
         element("data", note("state", statement, "machineTool_compensationState")),
         refType="machineTool_compensation",
     )
@@ -276,7 +276,7 @@ def _chain(result: Result) -> ET.Element:
     ]
     return element(
         "metaData",
-        words("name", _said("chain")),
+        words("name", _words_of("chain")),
         element("data", note("chain", result.chain, "machineTool_chain"), *map(real, sides)),
         refType="machineTool_chain",
     )

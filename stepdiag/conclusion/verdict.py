@@ -9,10 +9,9 @@ from stepdiag.base.result.members import Conformity, Judged
 from stepdiag.base.result.result import Result
 from stepdiag.conclusion.intervals import Reach
 from stepdiag.conclusion.sentences import Sentence, render
-from stepdiag.texts import Language
+from stepdiag.texts.texts import UNITS, Language
 
 STATES = ("as_found", "predicted")
-UNITS = {"um": "µm", "urad": "µrad"}
 SURE = 0.99
 """A probability beyond is no better known: it is a share of a few hundred draws."""
 

@@ -16,6 +16,7 @@ from stepdiag.comparing.evolution import Course
 from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
+from stepdiag.texts.texts import UNITS
 
 PHRASES: dict[Verdict, Literal["store-conform", "store-not-conform", "store-not-decidable"]] = {
     "conform": "store-conform", "not_conform": "store-not-conform", "not_decidable": "store-not-decidable",
@@ -37,7 +38,7 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
         series = each.series
         name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
         words = "; ".join(rendered(one, "en") for one in statements(each))
-        cells = (series.machine, name, _figure(each.last, series.unit), str(len(series.surveys)), words, leaves(each))
+        cells = (series.machine, name, _figure(each.last, UNITS[series.unit]), str(len(series.surveys)), words, leaves(each))
         table.add_row(*map(Text, cells), style="bold" if each.outside == "yes" else "")
     return table
 

@@ -18,6 +18,7 @@ from stepdiag.base.result.members import Verdict as Conforming
 from stepdiag.comparing.chance import Verdict
 from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
 from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
+from stepdiag.texts.texts import UNITS
 
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
@@ -243,7 +244,7 @@ def statements(trend: Trend) -> list[Message]:
 
 
 def _statement(trend: Trend, course: Course) -> Message:
-    unit, surveys = trend.series.unit, trend.series.surveys
+    unit, surveys = UNITS[trend.series.unit], trend.series.surveys
     first, last = (day(surveys[at].time) for at in (course.first, course.last))
     expanded = 2 * course.u
     if course.kind == "line":

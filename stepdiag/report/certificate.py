@@ -14,11 +14,11 @@ from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
 from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
-from stepdiag.report.drawings.figures import UNITS
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
 from stepdiag.report.sections import Table, even, shown
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts import Language
+from stepdiag.texts.texts import UNITS
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",

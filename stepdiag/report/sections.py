@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import in_words
 from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
@@ -14,12 +15,10 @@ from stepdiag.base.result.interval import decimals_of, decimals_of_u, with_expan
 from stepdiag.base.result.members import Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
-from stepdiag.report.drawings.figures import UNITS
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
-from stepdiag.texts.texts import Language
+from stepdiag.texts.texts import UNITS, Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
@@ -126,15 +125,12 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
     return found
 
 
-_UNITS = {"um": "µm", "urad": "µrad", "mrad": "mrad", "mm": "mm", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s", "nm": "nm"}
-
-
 def _readable(name: str, words: Mapping[str, str]) -> str:
     """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
     if heading := words.get(f"fact_{name.replace(' ', '_')}"):
         return heading
     head, _, unit = name.rpartition("_")
-    return f"{head.replace('_', ' ')} / {_UNITS[unit]}" if head and unit in _UNITS else name.replace("_", " ")
+    return f"{head.replace('_', ' ')} / {UNITS[unit]}" if head and unit in UNITS else name.replace("_", " ")
 
 
 def squareness_table(result: Result, words: Mapping[str, str]) -> Table:

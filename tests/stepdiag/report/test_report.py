@@ -272,7 +272,7 @@ def test_what_a_pointer_finds_is_what_was_computed() -> None:
 
 
 def test_the_band_is_twice_the_standard_uncertainty() -> None:
-    """On a chart 20 um high, a u of 0.4 um at the middle spans 1.6 um from edge to edge."""
+    """On a chart 20 µm high, a u of 0.4 µm at the middle spans 1.6 µm from edge to edge."""
     report = build_report(made_up_result(amplitude_um=8.0, u_um=0.4), source="r")
     drawing = next(one.drawing for one in report.figures if one.name == "EYX")
     band = re.search(r'<path d="M([^Z"]+)Z" class="band', drawing)
