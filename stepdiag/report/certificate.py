@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from stepdiag.base.compensation import stated_in
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
 from stepdiag.base.result.interval import Interval
@@ -16,7 +17,6 @@ from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
 from stepdiag.report.sections import Table, even, shown
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts import Language
 from stepdiag.texts.texts import UNITS
 
