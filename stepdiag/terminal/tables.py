@@ -10,6 +10,7 @@ from rich.text import Text
 
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.terminal.printable import printable
@@ -69,8 +70,8 @@ def quantity_table(result: Result) -> Table:
     numbers += [(f"scale {axis}", scale.value, scale.u, UNITS[scale.unit]) for axis, scale in result.scale.items()]
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
-        known = "NO" if value is None else "yes"
-        table.add_row(name, _shown(value), _shown(expanded), unit, known, style="dim" if value is None else "")
+        known, decimals = "NO" if value is None else "yes", 2 if expanded is None else decimals_of_u(expanded)
+        table.add_row(name, _shown(value, decimals), _shown(expanded, decimals), unit, known, style="dim" if value is None else "")
     return table
 
 
