@@ -85,8 +85,10 @@ def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int
     ``silent`` stands for what it should tell and has not for `STALE_NS`: None, or NaN for who judges it (`Conditions`).
     """
     names = condition_names(survey, sensor)
+    if not names:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
+        return signals
     fresh = sensor.conditions_since(now_ns - STALE_NS)
-    return replace(signals, **{name: fresh.get(name, silent) for name in names}) if names else signals  # type: ignore[arg-type]
+    return replace(signals, **{name: fresh.get(name, silent) for name in names})  # type: ignore[arg-type]
 
 
 def condition_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:

@@ -122,7 +122,7 @@ class Session:
         self._down: set[Link] = set()
         self.capture: Capture | None = None
         self._samples = 0
-        self.strip = Strip()
+        self._strip = Strip()
         self.recent = RecentStops()
         self.signals: Signals | None = None
         self.book = PassBook(survey)
@@ -163,6 +163,12 @@ class Session:
         return self.capture is not None
 
     @property
+    def strip(self) -> Strip:
+        """Return the newest readings for eyes. The samples are decoded here: a chunk that nobody looks at waits for its neighbours."""
+        self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
+        return self._strip
+
+    @property
     def machine_waits(self) -> bool:
         """Tell whether the machine stands at a stop until it hears that the stop is captured."""
         return self.capture is not None and self.capture.machine_waits
@@ -174,11 +180,6 @@ class Session:
 
     def consume(self, event: Event) -> None:
         """Take the next event: into the log first, then into the capture; or keep it until a log begins."""
-        self._take(event)
-        if isinstance(event, Chunk) and event.stream == "laser" and (last := self.laser_samples()) is not None:
-            self.strip.add(last)
-
-    def _take(self, event: Event) -> None:
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
             (self._down.discard if event.state == "connected" else self._down.add)(event.link)
@@ -389,6 +390,7 @@ class Session:
         self._sink.end(status, str(reason))
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self._beyond = self.capture.went_beyond() if self.capture is not None else False
+        _ = self.strip  # takes the last samples of the capture, which ends
         self.capture = None
         self._idle = _idle_streams(self.survey)
 

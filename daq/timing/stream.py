@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,12 @@ class StreamBuffer:
         """Return the newest batch; None before the first."""
         self._settle()
         return self._last
+
+    def since(self, arrival_ns: int) -> list[Samples]:
+        """Return the batches whose last sample arrived after a time, in order."""
+        self._settle()
+        newer = takewhile(lambda batch: batch.arrival_ns[-1] > arrival_ns, (batch for batch, _ in reversed(self._batches)))
+        return list(newer)[::-1]
 
     def feed(self, chunk: bytes, arrival_ns: int) -> None:
         """Take bytes."""

@@ -8,6 +8,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.result.basis import Basis, basis_of, scales_in_words
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, movement_um
+from stepdiag.exporters.safety.read_back import STEPS
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
@@ -113,6 +114,10 @@ def _steps(case: Case) -> Iterator[str]:
     untested = "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record in the profile."
     steps = (*case.controller.instructions(case.profile), untested)
     yield from (f"  {number}. {step}" for number, step in enumerate(steps, start=1))
+    if case.controller.name in STEPS:
+        yield "READ BACK"
+        yield f"  1. {STEPS[case.controller.name]}"
+        yield "  2. stepdiag verify RESULT FOLDER --profile PROFILE --read-back FILE: every number and switch, as the control holds it now."
     yield "CHECK AFTER LOADING"
     yield "  1. Reference all axes. Drive to the reference position: no jump when the table is switched on."
     yield "  2. Measure one axis again: the residual must be smaller than before; otherwise load the restore files."

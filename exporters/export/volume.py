@@ -23,7 +23,7 @@ from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
-from stepdiag.exporters.safety.verdicts.curve import COVERED
+from stepdiag.exporters.safety.verdicts.case import COVERED
 from stepdiag.exporters.safety.verify import Prediction, harm_findings, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import plausible_slope_um_mm

@@ -18,6 +18,7 @@ from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import ROUNDING_MM, Vector
 from stepdiag.exporters.neutral import curves_csv
+from stepdiag.exporters.safety.sign_evidence import subject
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
@@ -272,10 +273,16 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: Words)
 
 
 def untested_kinds(case: Case) -> tuple[str, ...]:
-    """Return the kinds of table without a sign test in the twelve months before today; neutral curves have no sense to test."""
+    """Return the kinds of table without a sign test of this machine, control and measuring system in the twelve months before today.
+
+    Neutral curves have no sense to test.
+    """
     if case.controller.name == curves_csv.NAME:
         return ()
-    tested = {record.kind for record in case.profile.sign_tests if 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS}
+    about = subject(case.controller.name, case.profile)
+    tested = {
+        record.kind for record in case.profile.sign_tests if about.covers(record) and 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS
+    }
     return tuple(sorted({table.kind for table in case.tables} - tested))
 
 

@@ -89,7 +89,7 @@ def signs_lines(found: Signed) -> Iterator[str]:
         yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
         levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
         yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
-    lever = found.file.lever
+    lever = found.lever
     u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
     yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
     yield from finding_lines(found.findings)

@@ -1,14 +1,16 @@
 """Forecasts of the planner as tables that a person reads in a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from math import isfinite
 
 from rich.table import Table
 
 from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
-from stepdiag.solver.planning.planner import Addition, Forecast
+from stepdiag.solver.planning.planner import Advice, Forecast
 
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 
@@ -62,13 +64,39 @@ def _resolved(forecast: Forecast) -> str:
     return f"; {len(forecast.resolved)} of {len((*DISPLACEMENTS, *ROTATIONS))} functions could be solved without assuming the angular ones"
 
 
-def additions_table(additions: Sequence[Addition], title: str) -> Table:
-    """Return one row an addition: what, minutes, gain, gain per minute, and what it identifies."""
-    table = Table(title=title)
-    for column in ("add", "min", "gain / µm", "per h", "newly identified"):
-        table.add_column(column, justify="left" if column in {"add", "newly identified"} else "right")
-    for each in additions:
-        gain = COVERAGE * each.gain_um
-        newly = ", ".join(f"scale {name}" if name in AXIS_LETTERS else name for name in each.newly_identified)
-        table.add_row(each.text, f"{each.minutes:.0f}", f"{gain:.2f}", f"{COVERAGE * 60 * each.gain_um_per_minute:.2f}", newly)
+def front_table(advice: Advice) -> Table:
+    """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
+    table = Table(title="what is worth its time (µm: left by an ideal compensation, rms over the volume)")
+    for column in ("min", "µm", "lines"):
+        table.add_column(column, justify="left" if column == "lines" else "right")
+    for each in advice.front:
+        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), lines_in_words(each.plan))
+    table.caption = "; ".join((*_floor(advice), *_head(advice)))
     return table
+
+
+def _floor(advice: Advice) -> Iterator[str]:
+    if floor_um := advice.forecast.ahead.of.floor_um:
+        yield f"tables of one axis each leave {floor_um:.2g} um whatever is driven"
+
+
+def _head(advice: Advice) -> Iterator[str]:
+    if (more := advice.with_head) is not None:
+        chosen = advice.best or advice.forecast
+        minutes, left = more.minutes - chosen.minutes, chosen.left_um.best()
+        yield f"a 4-DOF head along each axis: {left} -> {more.left_um.best()} µm, {minutes:.0f} min more"
+
+
+def lines_in_words(plan: Plan) -> str:
+    """Return what a plan drives: its setups with their shifts, and how."""
+    lines = ", ".join(_line(run) for run in plan.runs)
+    orders = next((f" in the orders {' '.join(run.axis_orders)}" for run in plan.runs if run.axis_orders), "")
+    first = plan.runs[0]
+    ways = "out and back" if first.return_pass else "one way"
+    times = f"{first.repeats} times {ways}" if first.repeats > 1 else ways
+    return f"{lines}; {plan.volume.increments} increments, {times}{orders}"
+
+
+def _line(run: Run) -> str:
+    shift = " ".join(f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value)
+    return f"{run.setup} ({shift} mm)" if shift else run.setup

@@ -54,7 +54,10 @@ def machine(**changes: object) -> Profile:
 
 def with_sign_test(profile: Profile, day: date = date(2026, 5, 1), verdict: str = "as-error") -> Profile:
     """The profile with a sign test of both kinds of Siemens table."""
-    return replace(profile, sign_tests=tuple(SignTestRecord(kind=kind, date=day, verdict=verdict) for kind in ("eec", "cec")))
+    about = {"machine": profile.machine.name, "control": "siemens", "measuring_system": "1"}
+    files = {"bump_sha256": ["b" * 64], "runs_sha256": ["a" * 64]}
+    records = [SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files) for kind in ("eec", "cec")]
+    return replace(profile, sign_tests=tuple(records))
 
 
 def refusal_of(result, profile, tmp_path, **options) -> SafetyError:

@@ -1,7 +1,5 @@
 """The sign test: a bump that passes the checks, and the verdict from what a machine of either kind does with it."""
 
-from datetime import date
-
 import numpy as np
 import pytest
 
@@ -98,7 +96,6 @@ class TestVerdict:
         test = siemens_bump()
         shown = verdict(test, POSITIONS, 3.0 + 0 * POSITIONS, 3.0 + moved_um(test))
         assert shown.sense == "as-error"
-        assert shown.as_toml(date(2026, 5, 31)) == '[[sign_test]]\nkind = "eec"\ndate = 2026-05-31\nverdict = "as-error"\n'
 
     def test_a_control_with_the_opposite_sense(self):
         test = siemens_bump()
@@ -111,8 +108,6 @@ class TestVerdict:
         shown = verdict(test, POSITIONS, 0 * POSITIONS, 0.1 * np.sin(POSITIONS))
         assert shown.sense is None
         assert "not active" in shown.text
-        with pytest.raises(DataError):
-            shown.as_toml(date(2026, 5, 31))
 
     def test_a_staircase_tells_that_the_control_adds_up(self):
         """controllers.md 11: absolute data read as increments do not come back to zero after the bump."""
@@ -172,7 +167,7 @@ class TestRuns:
         """The machine's own error (here a parabola) is in both runs and drops out."""
         test, own = siemens_bump(), 1e-4 * POSITIONS**2
         run = from_readings(linear_run(own), linear_run(own + moved_um(test)), "X")
-        shown = verdict(test, *run)
+        shown = verdict(test, *run[:3])
         assert (shown.sense, shown.moved_um) == ("as-error", pytest.approx(-10.0))
 
     def test_runs_at_other_positions_are_refused(self):
@@ -189,7 +184,7 @@ class TestRuns:
         """Straightness is seen with a dial or a straightness laser: position, off, on."""
         rows = "position_mm,off_um,on_um\n200,1,1\n-200,0,0\n0,2,-8\n"
         run = read_sign_run(ControlFile(name="run.csv", data=rows.encode()))
-        assert [column.tolist() for column in run] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
+        assert [column.tolist() for column in run[:3]] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
 
     @pytest.mark.parametrize("text", ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"])
     def test_a_damaged_csv_is_refused(self, text):

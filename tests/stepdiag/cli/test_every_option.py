@@ -86,7 +86,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"],
+            "--read-back": ["--read-back", "AX_EEC.INI"], **STATED,
         },
     ),
     "compare": (
@@ -316,7 +317,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
     low = VOLUME.origin_mm[0]
     points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
-    dial = list(zip(points[:, 0], total_correction_um(moved, points)[:, 0], strict=True))
+    (curve,) = fitted(result, ["EXX"]).curves
+    dial = list(zip(points[:, 0], curve.at(points[:, 0]), total_correction_um(moved, points)[:, 0], strict=True))
     texts = {
         "result.json": result.to_json(),
         "later.json": replace(result, errors={**result.errors, "EXX": result.errors["EYY"]}).to_json(),
@@ -334,8 +336,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
         "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
-        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
-        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),
+        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own + by}\n" for at, own, by in dial),
+        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own - by}\n" for at, own, by in dial),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

@@ -8,7 +8,7 @@ from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.head_file import CrosstalkTable, LeverTable, render_head_file
+from stepdiag.daq.survey.head_file import CrosstalkTable, DetectorTable, HeadIdentity, LeverTable, LightTable, render_head_file
 from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
@@ -131,6 +131,35 @@ def test_a_calibration_of_another_head_or_none_is_refused():
         evaluate_head(wanted, passes, FILES, {})
     with pytest.raises(DataError, match="expected the head's calibration file in the log"):
         evaluate_head(wanted, passes, {}, {})
+
+
+def test_a_calibration_that_is_not_finished_gives_no_result():
+    """What `show` and `solve` take is complete: the fields that nothing has measured are named."""
+    wanted = survey()
+    passes, _ = captured(wanted)
+    identity = HeadIdentity(id="4D-001", format="fourdof", date="2026-11-26", version=2)
+    for changes in ({}, {"lever": None}, {"qd": DetectorTable()}):
+        unfinished = {"head.toml": render_head_file(head_file(head=identity, **changes)).encode()}
+        with pytest.raises(DataError, match=r"head.toml: .*nothing has measured .*next: `stepdiag fourdof commission`"):
+            evaluate_head(wanted, passes, unfinished, {})
+
+
+def test_a_spot_that_loses_a_fiftieth_of_its_light_is_named_and_not_used():
+    wanted = survey()
+    passes, _ = captured(wanted)
+    lit = {"head.toml": render_head_file(head_file(light=LightTable(sums=(1e6, 1e6, 1e6), within=0.01))).encode()}
+    assert evaluate_head(wanted, passes, lit, {}).findings == ()
+    book = PassBook(wanted)
+    for stop in (stop for each in passes for stop in each.chosen().values()):
+        cut = stop.setup == "fourdof-x" and stop.stop == 3
+        book.add(msgspec.structs.replace(stop, channels=(*stop.channels[:2], 0.98 * stop.channels[2], *stop.channels[3:])) if cut else stop)
+    found = evaluate_head(wanted, book.passes, lit, {})
+    assert {finding.code for finding in found.findings} == {"fourdof-out-of-range"}
+    assert all("one sum left the other two in 1 of 7" in finding.text for finding in found.findings)
+    assert (
+        sum(len(one.position_mm) for one in found.straightness)
+        == sum(len(one.position_mm) for one in evaluate_head(wanted, passes, lit, {}).straightness) - 4
+    )
 
 
 def test_a_quadrant_detector_alone_gives_straightness_with_its_drift_and_says_so():
