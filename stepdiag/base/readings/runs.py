@@ -86,7 +86,7 @@ class Plan:
         """Return the run of a setup. Raises ``UsageError`` for one that the plan does not have."""
         found = next((run for run in self.runs if run.setup == setup), None)
         if found is None:
-            raise UsageError("plan.setups", expected=message("expects-one-of", names=[run.setup for run in self.runs]), found=repr(setup))
+            raise UsageError("plan.setups", expected=message("one-of", names=[run.setup for run in self.runs]), found=repr(setup))
         return found
 
 
