@@ -12,6 +12,7 @@ from rich.text import Text
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.terminal.printable import printable
@@ -86,7 +87,8 @@ def quantity_table(result: Result) -> Table:
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
         known = shown(message("identified-no") if value is None else message("identified-yes"))
-        table.add_row(name, _shown(value), _shown(expanded), unit, known, style="dim" if value is None else "")
+        decimals = 2 if expanded is None else decimals_of_u(expanded)
+        table.add_row(name, _shown(value, decimals), _shown(expanded, decimals), unit, known, style="dim" if value is None else "")
     return table
 
 
@@ -111,8 +113,8 @@ def effect_table(prediction: Prediction) -> Table:
     right: tuple[Column, ...] = ("column-before", "column-after")
     table = _table(message("table-effect", what=what), ("", *right), right=right)
     for name, figures in prediction.predicted.parts().items():
-        table.add_row(shown(message("effect-largest", part=_PARTS[name])), *(str(each.largest_um.bound()) for each in figures.values()))
-        table.add_row(shown(message("effect-rms", part=_PARTS[name])), *(str(each.rms_um.words()) for each in figures.values()))
+        table.add_row(shown(message("effect-largest", part=_PARTS[name])), *(shown(each.largest_um.bound()) for each in figures.values()))
+        table.add_row(shown(message("effect-rms", part=_PARTS[name])), *(shown(each.rms_um.words()) for each in figures.values()))
     return table
 
 
@@ -125,4 +127,4 @@ def conclusion_lines(words: Mapping[str, Sequence[str]], titles: Mapping[str, st
 
 
 def _shown(value: float | None, decimals: int = 2) -> str:
-    return "-" if value is None else f"{value:.{decimals}f}"
+    return "-" if value is None else shown(f"{value:.{decimals}f}")
