@@ -21,6 +21,7 @@ from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.solver.fourdof.axes import Mount, axis_errors
 from stepdiag.solver.fourdof.detector import Detector
 from stepdiag.solver.fourdof.head import Head, Motion, motion
+from stepdiag.solver.fourdof.variation import spread
 from stepdiag.solver.model.angles import Angles, KnownAngle
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import residuals_um
@@ -208,7 +209,7 @@ class _Noise:
 
 def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, file: HeadFile, shift_um: float) -> _Noise:
     """Return calibration, lever, drift, scatter of the stop's mean and the beam's parallel shift together."""
-    lever_um = (file.lever or LeverTable()).u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+    lever_um, calibration_urad = _calibration_noise(found, channels, distance, head, file)
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the drift's own uncertainty holds the scatter of the detector that saw it
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
@@ -216,9 +217,30 @@ def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector
         straightness_um=np.sqrt(
             found.u_straightness_um**2 + lever_um**2 + drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2
         ),
-        angle_urad=np.sqrt(found.u_angle_urad**2 + (found.u_drift_urad / 2) ** 2 + scatter.angle_urad**2),
+        angle_urad=np.sqrt(found.u_angle_urad**2 + calibration_urad**2 + (found.u_drift_urad / 2) ** 2 + scatter.angle_urad**2),
         drift_urad=found.u_drift_urad,
     )
+
+
+def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile) -> tuple[Vector, Vector]:
+    """Return what is uncertain about the calibration in um of straightness, free of its end-point line, and in urad of angle, (N, 2) each.
+
+    A file without the covariance of a commissioning states the lever's uncertainty alone.
+    """
+    if not file.uncertainty.of:
+        lever_mm = (file.lever or LeverTable()).u_at(distance)[:, None]
+        return lever_mm * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1]), np.zeros_like(found.angle_urad)
+    lit = np.flatnonzero(found.usable)
+    first, last = lit[np.argmin(distance[lit])], lit[np.argmax(distance[lit])]
+    share = ((distance - distance[first]) / ((distance[last] - distance[first]) or 1.0))[:, None]
+
+    def of(other: Head) -> Vector:
+        seen = motion(channels, distance, other)
+        straight, angle = seen.straightness_um, seen.angle_urad
+        return np.hstack([straight - (1.0 - share) * straight[first] - share * straight[last], angle - angle[first]])
+
+    u = spread(of, head, file.uncertainty.of, file.uncertainty.covariance())
+    return u[:, :2], u[:, 2:]
 
 
 def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:
