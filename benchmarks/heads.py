@@ -90,6 +90,10 @@ CASES = (
     Case(name="every imperfection", size=Imperfections()),
     Case(name="every imperfection, 3 m", size=Imperfections(), travel_mm=3000.0),
     Case(name="every imperfection, 0.4 m", size=Imperfections(), travel_mm=400.0),
+    *(
+        Case(name=f"8 m one way, PSD1 {noise:g} urad", size=NONE, travel_mm=8000.0, stops=16, noise_urad=noise, passes=1)
+        for noise in (0.5, 1.0, 1.7)
+    ),
 )
 
 
