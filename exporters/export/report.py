@@ -86,7 +86,7 @@ def _basis(found: Basis) -> Iterator[str]:
 def _tables(case: Case, plan: Plan) -> Iterator[str]:
     for kind in dict.fromkeys(table.kind for table in plan.tables):
         law = next(table.law for table in plan.tables if table.kind == kind)
-        yield f"LAW of {kind}: {law.describe()}"
+        yield f"LAW of {kind}: {law.words}"
     for table in plan.tables:
         yield from ("", f"TABLE {table.label}, one unit is {table.quantum_um:g} µm", *_rows(case, table))
     for table in plan.listed:

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Words, message
 from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
 from stepdiag.cli.completion import TABLES, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
+from stepdiag.terminal.viewer import shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -140,7 +142,7 @@ def _print_export(written: "ExportReport") -> None:
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"{len(written.files)} files written into {written.out_dir}:")
+    typer.echo(shown(message("files-written", count=len(written.files), folder=str(written.out_dir))))
     for name in written.files:
         typer.echo(f"  {name}")
     for line in finding_lines(written.findings):
@@ -148,7 +150,7 @@ def _print_export(written: "ExportReport") -> None:
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    typer.echo("EXPORT_REPORT.txt says how to load the files, and how to get back to where the control was.")
+    typer.echo(shown(message("how-to-load")))
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -156,7 +158,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        typer.echo(render(sentence, "en"))
+        typer.echo(render(sentence, viewers_language()))
 
 
 def import_(
@@ -356,13 +358,14 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}; compensation while measuring: {measured_with}")
+    names = [file.name for file in given]
+    typer.echo(shown(message("files-read-as", controller=found.controller, names=names, state=measured_with)))
     if aside:
-        typer.echo(f"left aside: {', '.join(aside)}")
-    for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):
-        typer.echo(f"{kind}: {law}")
+        typer.echo(shown(message("files-left-aside", names=list(aside))))
+    for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
+        typer.echo(shown(message("labelled", name=kind, what=law.words)))
     for each in found.judgements:
-        typer.echo(f"{'' if each.harmless else 'WRONG '}{each.code}: {each.text}")
+        typer.echo(f"{'' if each.harmless else shown(message('mark-wrong')) + ' '}{each.code}: {shown(each.words)}")
     for line in finding_lines(found.findings):
         typer.echo(line)
     Console().print(effect_table(found.prediction))
@@ -370,11 +373,9 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
     """Say what the prediction leaves out, and files that make the machine worse."""
-    unknown = [f"the scale of {axis}" for axis, scale in measured.scale.items() if not scale.identified]
+    unknown: list[Words] = [message("scale-of", axis=axis) for axis, scale in measured.scale.items() if not scale.identified]
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:
-        typer.echo(f"not in these figures, because the result does not identify it: {', '.join(unknown)}")
+        typer.echo(shown(message("not-in-figures", names=unknown)))
     if prediction.worse:
-        typer.echo(
-            "WARNING worse-after: with these files the machine errs MORE than without: check the result they belong to, and their sign"
-        )
+        typer.echo(f"{shown(message('mark-warning'))} worse-after: {shown(message('errs-more'))}")
