@@ -22,7 +22,6 @@ from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Options = TypeVar("Options", bound=msgspec.Struct)
-AXIS_LETTERS = ("X", "Y", "Z")
 MOST_EXISTING = 64
 """Files of its own that a machine may have."""
 NEARLY_MM = 0.01

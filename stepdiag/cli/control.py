@@ -187,8 +187,8 @@ def verify(
         list[Path] | None, typer.Option(help="A file read out of the control after loading: compared with FILES number by number.")
     ] = None,
     custody: Annotated[
-        Path | None, typer.Option(help="Of a certificate: the folder of its logs, result and files; its own without it.")
-    ] = None,
+        str, typer.Option(help="Of a certificate: the folder of its logs, result and files, or a store; its own folder without it.")
+    ] = "",
     key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
     compensation: Compensation = None,
     active: Active = None,
@@ -208,7 +208,7 @@ def verify(
     if result.suffix.lower() == ".xml":
         verify_file(result, custody, key_certificate)
         return
-    if custody is not None or key_certificate is not None:
+    if custody or key_certificate is not None:
         raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result

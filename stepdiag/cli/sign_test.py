@@ -70,7 +70,7 @@ def signtest(
         typer.echo(json.dumps(facts, indent=2))
         return
     kept = record(test, shown, subject(controller, known), when, read_given([each for each in (off, on, run) if each is not None]))
-    typer.echo(f"expected {test.expected_um:+.1f} um at {test.top_mm:g} mm; {shown.text}")
+    typer.echo(f"expected {test.expected_um:+.1f} µm at {test.top_mm:g} mm; {shown.text}")
     typer.echo(f"\nappend to {profile}:\n\n{kept.as_toml()}{_consequence(test, shown)}")
 
 
@@ -79,7 +79,7 @@ def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
-    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode("ascii"), role="note")
+    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode(), role="note")
     write_set(out, [*test.files, *test.restore, note])
     for file in (*test.files, *test.restore, note):
         typer.echo(str(out / file.name))
@@ -96,7 +96,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
     places = f"{', '.join(f'{at:g}' for at in decisive)} mm and positions between them, {FEWEST} at least"
     reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
     ends = f" --result {'result.json' if result is None else result.name}"
-    expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
+    expected = f"{measured} moves {test.expected_um:+.1f} µm at {test.top_mm:g} mm"
     aside = "" if test.lever is None else f" {test.lever[0]} stands at {test.lever[1]:g} mm all the time."
     steps = (
         f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.{aside}",
@@ -107,7 +107,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} --function {test.function} {reading}",
     )
     lines = [f"SIGN TEST of {test.function} on {controller}", *(f"{number}. {step}" for number, step in enumerate(steps, start=1))]
-    return "\n".join(lines).encode("ascii", "replace").decode("ascii") + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":

@@ -205,7 +205,7 @@ def test_one_point_that_is_off_is_found(function, point, off_um, sign):
 
 
 def test_a_long_screw_does_not_hide_one_wrong_point():
-    """100 um along the travel are no excuse for 4.9 um at one place; the sentence names it."""
+    """100 µm along the travel are no excuse for 4.9 µm at one place; the sentence names it."""
     result = made_result({**ERRORS, "EXX": [0, 27, 52, 76, 100]}, u_um=0.1)
     tables, profile = tables_of(result=result)
     (table,) = (table for table in tables if table.name == "EXX")

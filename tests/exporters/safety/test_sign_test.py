@@ -30,7 +30,7 @@ def moved_um(test: Bump) -> np.ndarray:
 class TestBump:
     @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"neutral"}))
     def test_moves_the_axis_as_the_stated_law_says_and_comes_back_to_zero(self, name):
-        """controllers.md 11: 10 um in error sense, zero at the reference and beyond the bump."""
+        """controllers.md 11: 10 µm in error sense, zero at the reference and beyond the bump."""
         test = bump(controller_named(name), profile_of(name, VOLUME, sections=8), "EXX")
         moved = moved_um(test)
         assert test.expected_um == pytest.approx(-10.0, abs=test.tables[-1].quantum_um)
@@ -38,7 +38,7 @@ class TestBump:
         assert moved[-1] == pytest.approx(0.0, abs=1e-9)
 
     def test_is_gentle(self):
-        """Flanks of 0.2 um/mm at most: the slope check lets them pass."""
+        """Flanks of 0.2 µm/mm at most: the slope check lets them pass."""
         table = siemens_bump().tables[0]
         assert np.max(np.abs(np.diff(table.value_um) / np.diff(table.position_mm))) <= 0.2 + 1e-9
 
@@ -125,7 +125,7 @@ class TestVerdict:
             (0.5, "diameters"),
             (25.4, "inch"),
             (1 / 25.4, "not active"),
-            (1000.0, "mm and um"),
+            (1000.0, "mm and µm"),
             (4.0, "look at"),
             (0.4, "diameters"),
         ],

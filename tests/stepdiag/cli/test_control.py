@@ -289,12 +289,12 @@ class TestSignTest:
         assert told.code == 0
         names = {path.name for path in (tmp_path / "bump").iterdir()}
         assert {"AX_EEC.INI", "AX_EEC_RESTORE.INI", "SIGNTEST.txt"} <= names
-        assert "X moves -10.0 um" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii")
+        assert "X moves -10.0 µm" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8")
 
     def test_its_last_step_is_a_command_that_works_as_it_stands(self, profile, result, tmp_path, monkeypatch):
         """Keyed in beside profile and result: without --result it was refused, where the profile leaves the ends to the survey."""
         stepdiag(*self.arguments(profile, result), "--out", tmp_path / "bump")
-        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii").splitlines()[-1]
+        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8").splitlines()[-1]
         words = step.split("stepdiag ")[1].partition(" (")[0].split()
         off, on = self.runs(profile, tmp_path, 1.0)
         monkeypatch.chdir(profile.parent)

@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Callable, Mapping
 from datetime import date
 from functools import partial
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,7 @@ def exported(
         report = export(result, control, profile, step_mm=step_mm, accept=accept, out_dir=folder / "out", today=TODAY)
         found: dict[str, Any] = {"files": written(folder / "out")}
         if not whole:
-            found["files"][REPORT] = list(takewhile(lambda line: not line.startswith("LAW of"), found["files"][REPORT]))
+            found["files"].pop(REPORT)
             found["files"] = {name: text for name, text in found["files"].items() if not name.startswith("LOAD")}
         return found | ({} if report.prediction is None else {"predicted": figures(report.prediction)})
 
