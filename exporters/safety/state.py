@@ -187,7 +187,7 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
         against = group.odds["on" if stated == "off" else "off"]
         each = [message("share-of-table", name=share.name, share=share.value) for share in group.shares]
         share, expanded = group.value, 2 * group.u
-        alone = apart(group, acted=stated == "on")
+        alone = apart(group, acted=stated == "on") if group.odds[stated] > DOUBTED else []
         if against > CONTRADICTED:
             text = message("compensation-contradicted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
             yield finding("error", text)
