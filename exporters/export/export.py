@@ -41,7 +41,7 @@ from stepdiag.exporters.safety.standing import Standing, standing_findings
 from stepdiag.exporters.safety.state import state_findings
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.controller import Controller, Plan, Switching
+from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
@@ -196,7 +196,7 @@ def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)
     suffix = UNTESTED if kinds else ""
-    read_out = [case.controller.read_back(case.tables, case.profile)] if isinstance(case.controller, Switching) else []
+    read_out = case.controller.read_back(case.tables, case.profile) if isinstance(case.controller, Reporting) else ()
     return [*(replace(file, name=suffixed(file.name, suffix)) for file in rendered), *restore, *read_out]
 
 

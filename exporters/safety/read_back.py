@@ -23,13 +23,15 @@ STEPS: Mapping[str, str] = {
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH).",
     "heidenhain": "Copy the .COM tables and the .CMA file out of the control again.",
     "beckhoff": "Copy the files out of the folder that the configuration names: those that the control loaded, not those that were sent.",
-    "linuxcnc": "Copy the .comp files out of the folder of the INI file that LinuxCNC was started with.",
+    "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp` (joint, file), run READ_BACK.ngc.",
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
 """How the numbers come out of each control, one step; the comparison is a command."""
 _UNIT_SHARE = 0.51
 """So much of a unit of the last digit two numbers may differ: half of it, and the last bit."""
+_LEAST_UM = 2e-3
+"""The last digit of what is read from a running control."""
 _PLACE_MM = 1e-3
 _SAME = 1e-6
 """Multipliers are numbers about 1."""
@@ -94,7 +96,7 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
     if not alike or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM or not _same_lever(wanted, held):
         yield finding("error", message("read-back-differs.grid", label=label))
         return
-    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(wanted.quantum_um, 1e-3)
+    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(wanted.quantum_um, _LEAST_UM)
     if off.any():
         at = int(np.argmax(off))
         where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"

@@ -199,9 +199,9 @@ class Siemens:
             kinds.append(restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense))
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
-    def read_back(self, tables: Sequence[Table], profile: Profile) -> ControlFile:
+    def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return ``READ_BACK.MPF``."""
-        return read_back.program(tables, profile)
+        return (read_back.program(tables, profile),)
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return MD32700, MD32710, SD41300 and SD41310 as the loading programs leave them."""

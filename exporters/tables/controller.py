@@ -90,11 +90,16 @@ class Emptying(Protocol):
 
 
 @runtime_checkable
-class Switching(Protocol):
-    """A control whose tables have switches and weights beside their values, and that can write out what it holds."""
+class Reporting(Protocol):
+    """A control that can write out what it holds."""
 
-    def read_back(self, tables: Sequence[Table], profile: Profile) -> ControlFile:
-        """Return the program that writes out what the control holds of these tables, switches and weights included."""
+    def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the programs that write out what the control holds of these tables, switches and weights included."""
+
+
+@runtime_checkable
+class Switching(Protocol):
+    """A control whose tables have switches and weights beside their values."""
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return what switches and weights have to be for the tables to act, by the control's own name of each."""

@@ -301,13 +301,14 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
     from stepdiag.exporters.files.naming import is_restore
     from stepdiag.exporters.files.sets import SUMS, read_given
     from stepdiag.exporters.linuxcnc import kinematics
+    from stepdiag.exporters.linuxcnc.read_back import NAMES as READ_BACK_HAL
     from stepdiag.exporters.profiles.registry import CONTROLLERS
     from stepdiag.exporters.siemens.read_back import NAME as READ_BACK
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
         known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
-        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL, READ_BACK) and (
+        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL, READ_BACK, *READ_BACK_HAL) and (
             known or not file.name.lower().endswith(".txt")
         )
 

@@ -258,7 +258,7 @@ class Sequence:
         if self.maker == "heidenhain":
             return f'[heidenhain]\ngeneration = "itnc530"\n{chain}'
         if self.maker == "beckhoff" and rng.random() < 0.7:
-            return f'[beckhoff]\nway = "volumetric"\ncross_sense = "as-error"\naxis_numbers = {{X=1,Y=2,Z=3}}\n{chain}'
+            return f'[beckhoff]\nway = "volumetric"\ncross_sense = "as-error"\naxis_numbers = {{X=1,Y=2,Z=3}}\nturned = false\n{chain}'
         if self.maker == "beckhoff":
             return '[beckhoff]\nway = "lists"\ncross_sense = "as-error"\naxis_numbers = {X=1,Y=2,Z=3}\n'
         if self.maker == "linuxcnc":

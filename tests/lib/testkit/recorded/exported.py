@@ -230,7 +230,7 @@ def _options(case: Callable[..., None]) -> None:
     case("kinematics-inch", PLAIN, "linuxcnc", 'way = "kinematics"', machine='units = "inch"')
     case("kinematics-beside", PLAIN, "linuxcnc", 'way = "kinematics"', axis={"X": "start_mm = 0.0\nend_mm = 300.0\nreference_mm = 0.0"})
     case("chain", LEANING, "beckhoff", 'chain = "FXYZ"\ndecimals = 6\nmax_records = 30')
-    case("chain-turned", lambda: result_of(angles=ANGLES, chain="XYFZ"), "beckhoff", 'chain = "XYFZ"\nnegate = "XYZ"')
+    case("chain-turned", lambda: result_of(angles=ANGLES, chain="XYFZ"), "beckhoff", 'chain = "XYFZ"\nturned = false\nnegate = "XYZ"')
     case("negate", PLAIN, "beckhoff", 'negate = "XZ"')
     some = 'functions = ["EXX", "EYY", "EZZ", "EYX", "EXZ"]'
     case("lists", PLAIN, "beckhoff", machine=some, section=LISTS + 'cross_sense = "as-compensation"\nmaster_word = "master_ax_nr"')
