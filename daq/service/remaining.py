@@ -11,7 +11,7 @@ from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""The pace is told from this many stops."""
+"""The pace is computed from this many stops."""
 LONGEST_DWELL = 20.0
 """A stop that took so many times longer than planned was an interruption, not the pace."""
 UNSHIFTED, SHIFTED = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
@@ -83,7 +83,7 @@ def _times(volume: Volume, axis_order: str, run: Run, pace: Pace) -> tuple[float
     """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts them."""
     plan = Plan(volume=volume, runs=(run,), axis_order=axis_order, pace=pace)
     stops = len(run_stops_mm(plan, run))
-    setting_up = setup_minutes(pace, run)
+    setting_up = setup_minutes(plan, run)
     return 60 * (run_minutes(plan, run) - setting_up) / (stops * len(run.pass_numbers)), 60 * setting_up
 
 

@@ -209,7 +209,7 @@ def _check_date(day: str, where: str) -> None:
     try:
         dt.date.fromisoformat(day)
     except ValueError as error:
-        raise UsageError(where, expected=message("day-such-as"), found=day) from error
+        raise UsageError(where, expected=message("a-day"), found=day) from error
 
 
 def _check_uncertainty(table: UncertaintyTable, where: str) -> None:

@@ -104,7 +104,7 @@ def _regression(x: Vector, y: Vector, third: Vector, travel_mm: float, name: str
         correlation = abs(float(x @ y)) / both if both > 0 and power != 0.0 else 0.0
     if correlation < MIN_CORRELATION:
         raise DataError(
-            f"signs: {name} at travel {travel_mm:g} mm",
+            message("signs-at-travel", name=name, travel_mm=travel_mm),
             expected=message("correlation-with-psd1-at", min_correlation=MIN_CORRELATION),
             found=message("correlation-over-samples", correlation=correlation, x=len(x)),
             remedy=message("wobble-laser-s-pointing"),

@@ -108,7 +108,7 @@ def calibrate(
     base: Annotated[Path, typer.Option(help="The calibration file to start from; `stepdiag fourdof new` writes the first.")],
     out: Annotated[Path, typer.Option(help="The calibration file to write, dated today; never overwritten.")],
     reference: Annotated[str, typer.Option(help="The reference instrument and its certificate, in words.")] = "",
-    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in um or arc-seconds as it reads.")] = 0.0,
+    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in µm or arc-seconds as it reads.")] = 0.0,
     degree: Annotated[int, typer.Option(min=1, max=9, help="Degree of the polynomial.")] = 5,
     plot: Plot = None,
     as_json: AsJson = False,

@@ -1,7 +1,9 @@
 """What a survey can tell by how it is driven, before anything of it is measured: as the planner knows it."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
+from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
@@ -9,10 +11,17 @@ from stepdiag.base.readings.runs import Pace, Plan, Run
 from stepdiag.base.volume import MOST_INCREMENTS
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.planning.planner import Circumstances, forecast
+from stepdiag.exporters.profiles.file import load_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.tables.controller import Multiplying
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.information import Zone
+from stepdiag.solver.planning.planner import forecast
 
 FOURDOF_FORMATS = ("fourdof", "tqd")
 """Heads that make runs of their own beside the laser's."""
+LINUXCNC = "linuxcnc"
+"""The control whose kinematics take a lattice."""
 IN_STEP = 0.05
 """Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
 
@@ -30,10 +39,37 @@ def planned(survey: Survey) -> Plan:
     return Plan(volume=survey.volume, runs=runs, axis_order=survey.axis_order, pace=pace)
 
 
-def circumstances(survey: Survey) -> Circumstances:
-    """Return the job's circumstances as far as the survey file tells them."""
+def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
+    """Return the job's circumstances as far as the survey file tells them, and the profiles of its controls in its ``folder``."""
     head = survey.head is not None and survey.head.format in FOURDOF_FORMATS
-    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey), head=head)
+    controls = [CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS]
+    by_axis = bool(controls) and not any(isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls)
+    finer = () if survey.uncertainty.pitch_mm is None else range(1, MOST_INCREMENTS + 1)
+    return Circumstances(
+        chain=survey.machine.chain,
+        assumed=assumptions_of(survey),
+        head=head,
+        aim="tables" if by_axis else "lattice",
+        zone=None if folder is None else _zone(survey, folder),
+        in_step=tuple(
+            n for n in finer if any(_in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0) for edge_mm in survey.volume.size_mm)
+        ),
+    )
+
+
+def _zone(survey: Survey, folder: Path) -> Zone | None:
+    """Return the part of the volume where the tables of the first control have to fit best; None where its profile names none, or is not
+    yet filled in."""
+    if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
+        return None
+    first = survey.exports[0]
+    try:
+        named = load_profile(folder / first.profile, CONTROLLERS[first.controller], survey.volume).zone
+    except UsageError:
+        return None
+    ends = [(low, low + edge) for low, edge in zip(survey.volume.origin_mm, survey.volume.size_mm, strict=True)]
+    x, y, z = (named.get(axis.upper(), end) for axis, end in zip(AXES, ends, strict=True))
+    return (x, y, z) if named else None
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:

@@ -229,7 +229,9 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
     """
     common = [name for name in measured if name in reference]
     if not common:
-        raise DataError("compare", expected="a function in both: " + ", ".join(measured), found="only " + ", ".join(reference))
+        raise DataError(
+            "compare", expected=message("function-in-both", names=list(measured)), found=message("only-these", names=list(reference))
+        )
     return {name: compare(*measured[name], *reference[name], line="least-squares" if name in DISPLACEMENTS else None) for name in common}
 
 

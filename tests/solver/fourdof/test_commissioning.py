@@ -41,7 +41,7 @@ def test_signs_and_lever_from_two_distances(signs):
 def test_noise_is_in_the_uncertainty():
     found = signs_and_lever([standstill(distance, noise_um=1.0) for distance in (0.0, 1000.0)])
     assert abs(found.dead_path_mm - 350.0) < 3 * found.u_dead_path_mm
-    # half of 1 um over the rms wobble and the root of the number of samples
+    # half of 1 µm over the rms wobble and the root of the number of samples
     expected_mm = 1e3 * 0.5 / np.linalg.norm(WOBBLE_URAD - WOBBLE_URAD.mean())
     assert found.u_lever_mm == pytest.approx([expected_mm] * 2, rel=0.3)
 
@@ -188,7 +188,7 @@ STRAIGHTNESS_UM = np.linspace(-650, 650, 27)
 
 @pytest.mark.parametrize(("kind", "degree"), [("erf", 1), ("erf", 3), ("polynomial", 9)])
 def test_quadrant_detector_is_straight_to_the_published_limit(kind, degree):
-    """Feng 2008: +-1.5 um over +-650 um of straightness; the spot moves twice that. Reference noise 0.3 um, spot radius 2 mm."""
+    """Feng 2008: +-1.5 µm over +-650 µm of straightness; the spot moves twice that. Reference noise 0.3 µm, spot radius 2 mm."""
     shift = 2 * STRAIGHTNESS_UM
     noise = np.random.default_rng(3).normal(0, 0.3, len(shift))
     fit = fit_curve(gaussian_cell(shift + noise, 2000.0), shift, kind=kind, degree=degree)
@@ -216,7 +216,7 @@ def test_angle_detector_is_straight_to_the_published_limit():
 
 
 def test_uncertainty_of_the_curve_holds_the_errors():
-    """Over 200 calibrations with 0.5 um of noise the curve's stated u covers its error in about two of three cases."""
+    """Over 200 calibrations with 0.5 µm of noise the curve's stated u covers its error in about two of three cases."""
     shift, rng = np.linspace(-500, 500, 15), np.random.default_rng(5)
     hits = [_covered(shift, shift + rng.normal(0, 0.5, 15)) for _ in range(200)]
     assert 0.6 < np.mean(hits) < 0.76

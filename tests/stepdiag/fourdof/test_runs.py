@@ -71,7 +71,7 @@ STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
 def test_straightness_pitch_and_yaw_of_every_axis_are_found_through_a_drifting_beam():
-    """20 urad of pointing at 0.9 m would be 18 um of straightness; the fit of a FXYZ machine sees none of it."""
+    """20 urad of pointing at 0.9 m would be 18 µm of straightness; the fit of a FXYZ machine sees none of it."""
     wanted = survey()
     passes, truth = captured(wanted)
     found = evaluate_head(wanted, passes, FILES, {})
@@ -113,7 +113,7 @@ def test_the_laser_may_give_the_distance():
 
 
 def test_a_cube_off_the_axis_needs_the_roll_of_a_level():
-    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 um; with vertex and level told, they are gone."""
+    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 µm; with vertex and level told, they are gone."""
     wanted = survey()
     passes, truth = captured(wanted, vertex="0.0, 30.0, 0.0")
     told = {"head.toml": render_head_file(head_file(crosstalk=CrosstalkTable(vertex_mm=(30.0, 0.0, 0.0)))).encode()}
@@ -227,7 +227,7 @@ def test_level_and_head_are_merged_and_a_double_is_named():
 
 
 def test_the_parallel_shift_of_the_source_is_in_the_uncertainty():
-    """No detector sees it: half of a shift of 6 um in a pass, as a Brownian bridge, is 1.2 um in the rms beside what u was."""
+    """No detector sees it: half of a shift of 6 µm in a pass, as a Brownian bridge, is 1.2 µm in the rms beside what u was."""
     wanted = survey()
     passes, _ = captured(wanted)
     still = msgspec.structs.replace(wanted, uncertainty=msgspec.structs.replace(wanted.uncertainty, source_shift_um=0.0))
