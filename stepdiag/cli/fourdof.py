@@ -245,22 +245,24 @@ def compare(
 ) -> None:
     """Compare the head with a reference instrument.
 
-    Range and rms of the residuals, function by function.
+    Range and rms of the residuals, function by function, and how far one stood from the other by the rotations of the axis.
     """
     from stepdiag.base.files import read_text
-    from stepdiag.fourdof.commissioning import compare_curves, parse_curves
-    from stepdiag.head.view import comparison_charts, comparison_table
+    from stepdiag.fourdof.commissioning import arms_of, compare_curves, parse_curves
+    from stepdiag.head.view import arm_lines, comparison_charts, comparison_table
 
     ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
     found = compare_curves(ours, parse_curves(read_text(reference), reference.name))
+    arms = arms_of(ours, found)
     if plot is not None:
         _draw(plot, comparison_charts(found), "head minus reference")
     if as_json:
-        typer.echo(
-            json.dumps({name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}, indent=2)
-        )
+        figures: dict[str, object] = {name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}
+        typer.echo(json.dumps(figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2))
         return
     comparison_table(found)
+    for line in arm_lines(arms):
+        typer.echo(line)
 
 
 @commands.command()

@@ -28,7 +28,7 @@ from stepdiag.solver.fourdof.commissioning import (
 )
 from stepdiag.solver.fourdof.detector import CurveKind, spots
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
-from stepdiag.solver.fourdof.statistics import Comparison, Stability, compare, stability
+from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability, abbe_arm, compare, stability
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
 QD_TO_TARGET = 2.0
@@ -233,3 +233,19 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
             "compare", expected=message("function-in-both", names=list(measured)), found=message("only-these", names=list(reference))
         )
     return {name: compare(*measured[name], *reference[name], line="least-squares" if name in DISPLACEMENTS else None) for name in common}
+
+
+def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
+    """Return by axis (X, Y, Z) where the two heads stood from each other, as far as the measured rotations show it (Feng 2008, 3.3)."""
+    arms = {}
+    for axis in "XYZ":
+        straight = {name: one for name, one in found.items() if name in DISPLACEMENTS and name[2] == axis}
+        turning = {name: curve for name, curve in measured.items() if name in ROTATIONS and name[2] == axis}
+        places = [one.position_mm for one in straight.values()]
+        if not straight or not turning or any(not np.array_equal(places[0], each) for each in places):
+            continue
+        at = {name: URAD_PER_ARCSEC * np.interp(places[0], *curve) for name, curve in turning.items()}
+        arm = abbe_arm(places[0], {name: one.residual for name, one in straight.items()}, at)
+        if arm is not None:
+            arms[axis] = arm
+    return arms

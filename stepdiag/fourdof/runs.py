@@ -36,6 +36,8 @@ QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 """The channels of each detector."""
 APART = 3.29
 """Two passes whose rms difference is so many times its u differ by more than chance (99.9 %), even where their errors are one error."""
+WAVELENGTH_NM = 650.0
+"""Of the head's laser, red: it only sizes how far the growth of the spot may be bent."""
 LEAST_STOPS = 3
 """Two stops make a straight line of any guideway."""
 
@@ -253,8 +255,21 @@ def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: 
         return np.hstack([straight - (1.0 - share) * straight[first] - share * straight[last], angle - angle[first]])
 
     u = spread(of, head, file.uncertainty.of, file.uncertainty.covariance())
-    straight_um, angle_urad = np.hypot(u[:, :2], found.u_straightness_um), np.hypot(u[:, 2:], np.sqrt(2.0) * found.u_angle_urad)
+    own_um = np.hypot(_bent_growth_um(found, distance, head, share), found.u_straightness_um)
+    straight_um, angle_urad = np.hypot(u[:, :2], own_um), np.hypot(u[:, 2:], np.sqrt(2.0) * found.u_angle_urad)
     return _Noise(straight_um, angle_urad, np.zeros_like(found.drift_urad))
+
+
+def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
+    """Return what the QD's gain may leave its straight growth between the two ends by, in um of straightness, shape (N, 2).
+
+    A beam that is parallel at the source grows with the square of its path: by so much of itself it leaves the chord in the middle.
+    """
+    radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
+    rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
+    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0
+    bent_um: Vector = 4.0 * share * (1.0 - share) * most * np.abs(found.raw_straightness_um)
+    return bent_um
 
 
 def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:

@@ -16,7 +16,7 @@ from stepdiag.fourdof.commission import HeadCommissioned
 from stepdiag.fourdof.commissioning import Calibrated, Signed
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
-from stepdiag.solver.fourdof.statistics import Comparison, Stability
+from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
@@ -104,7 +104,7 @@ def commission_table(done: HeadCommissioned) -> None:
     for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
     Console().print(table)
-    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} um (k = 2)")
+    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} µm (k = 2)")
 
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
@@ -182,6 +182,15 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
         figures = (f"{each.lowest:+.2f}", f"{each.highest:+.2f}", f"{each.rms:.2f}")
         table.add_row(name, str(len(each.position_mm)), *figures, _unit(name))
     Console().print(table)
+
+
+def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
+    """Yield for every axis where one head stood from the other (U, k = 2), and the rms that this leaves of the functions."""
+    for axis, arm in arms.items():
+        shown = zip("xyz", arm.mm, arm.u_mm, strict=True)
+        places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in shown if np.isfinite(mm))
+        left = ", ".join(f"{name} {arm.rms_um(name):.2f} µm" for name in arm.residual_um)
+        yield f"{axis}: the head stood from the reference at {places}; with this arm the rms is {left}"
 
 
 def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:

@@ -110,11 +110,11 @@ def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
     ours = ("--controller", "fanuc", "--profile", tmp_path / "mine.toml", "--out", tmp_path / "nc")
     said = fourdof("commission", tmp_path / "survey.toml", *ours)
     assert "next: `stepdiag run survey.toml`" in said
-    (program,) = (tmp_path / "nc").iterdir()
+    (program,) = (tmp_path / "nc").glob("O*")
     text = program.read_text()
     assert text.count("(WOBBLE THE POINTING") == 2
     assert "M70 (AT " in text
-    (tmp_path / "plain.toml").write_text(survey_text(setups=("ppp",), signals=survey_section("/dev/null1")))
+    (tmp_path / "plain.toml").write_text(survey_text(size=(300.0, 300.0, 300.0), n=3, signals=survey_section("/dev/null1")))
     with pytest.raises(UsageError, match="expected a run fourdof-x, fourdof-y or fourdof-z, found ppp"):
         fourdof("commission", tmp_path / "plain.toml", "--controller", "fanuc", "--out", tmp_path / "none")
     with pytest.raises(UsageError, match="--controller with a survey file"):
@@ -192,6 +192,31 @@ def test_compare_with_a_reference_instrument(tmp_path):
     (tmp_path / "other.csv").write_text("position_mm,EXY_um\n0,0\n100,1\n")
     with pytest.raises(DataError, match="expected a function in both: EYX, EBX"):
         fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "other.csv")
+
+
+def test_compare_finds_how_far_the_heads_stood_from_each_other(tmp_path):
+    """A reference 100 mm along the axis and 40 mm beside it: yaw, pitch and roll show the arm; 3 um of differences become the noise."""
+    position = np.arange(0.0, 1001.0, 50.0)
+    rng = np.random.default_rng(1)
+    turns = [30.0 * np.sin(position / scale) for scale in (300.0, 220.0, 170.0)]  # roll, pitch, yaw of X in urad
+    arm = np.array([100.0, -40.0, 25.0])
+    moved = 1e-3 * np.cross(np.column_stack(turns), arm)
+    bow = np.column_stack([np.zeros(21), 4.0 * np.sin(position / 400.0), 3.0 * np.cos(position / 500.0)])
+    ours, theirs = bow + moved + rng.normal(0.0, 0.1, moved.shape), bow + rng.normal(0.0, 0.1, moved.shape)
+    columns = np.column_stack([position, ours[:, 1:], *turns])
+    head = "position_mm,EYX_um,EZX_um,EAX_urad,EBX_urad,ECX_urad"
+    (tmp_path / "ours.csv").write_text("\n".join([head, *(",".join(f"{value:.5f}" for value in row) for row in columns)]) + "\n")
+    lines = [",".join(f"{value:.5f}" for value in row) for row in np.column_stack([position, theirs[:, 1:]])]
+    (tmp_path / "theirs.csv").write_text("\n".join(["position_mm,EYX_um,EZX_um", *lines]) + "\n")
+    said = json.loads(fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv", "--json"))
+    found = said["arms"]["X"]
+    assert max(said["EYX"]["rms"], said["EZX"]["rms"]) > 1.0
+    assert np.all(np.abs(np.array(found["mm"]) - arm) < 3 * np.array(found["u_mm"]))
+    assert max(found["u_mm"]) < 5.0
+    assert max(found["rms_um"].values()) < 0.25
+    assert "X: the head stood from the reference at x +" in fourdof(
+        "compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv"
+    )
 
 
 def test_align_shows_a_recording(tmp_path):
