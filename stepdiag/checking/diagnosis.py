@@ -10,6 +10,7 @@ from stepdiag.base.conditions.air import HALL
 from stepdiag.base.findings import Finding, Severity, finding
 from stepdiag.base.messages import Message, Words
 from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import CODED_FROM
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
@@ -170,10 +171,9 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
             text = f"{name} reads {value:g} at {describe(spec)} as {spec.type} {spec.order}: check address, type, order and scale"
             yield _finding("signal-implausible", "warning", f"{text} (plc.signals.{name}), or give the machine the sensor")
     setup = machine.signals.setup
-    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS:
-        text = (
-            f"setup reads {setup}, which is no setup (0, {', '.join(map(str, SETUP_NUMBERS))}): the register map does not fit the control"
-        )
+    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS and setup <= CODED_FROM:
+        codes = ", ".join(map(str, (*SETUP_NUMBERS, f"{CODED_FROM} + k")))
+        text = f"setup reads {setup}, which is no setup (0, {codes}): the register map does not fit the control"
         yield _finding("signal-implausible", "warning", text)
     for name, lost in WITHOUT.items():
         if name not in plc.signal_names and name not in air:

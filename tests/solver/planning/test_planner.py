@@ -20,6 +20,7 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.information import told
 from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
+from stepdiag.solver.planning.search import EVERY_WAY, Exchange
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
 
@@ -85,7 +86,8 @@ def test_three_beams_resolve_all_eighteen_functions(bare):
 
 def test_no_head_is_advised_where_there_is_none():
     """What a head would bring is said all the same, beside what it costs."""
-    advice = plan(BARE.with_runs(*LINEAR), Circumstances(head=False), available_min=200.0)
+    poor = replace(IDEAL, angles_urad=50.0)
+    advice = plan(BARE.with_runs(*LINEAR), Circumstances(head=False, assumed=poor), available_min=160.0)
     assert not any(run.is_fourdof for one in (*advice.front, advice.best) for run in one.plan.runs)
     assert {run.setup for run in advice.with_head.plan.runs} >= {"fourdof-x", "fourdof-y", "fourdof-z"}
     assert advice.with_head.left_um.value_um < WORTH * advice.best.left_um.value_um
@@ -142,6 +144,27 @@ def test_the_shortest_survey_down_to_a_target_that_real_surveys_reach():
     found = plan(BARE, IDEALLY, target_um=1.5).best
     assert found.left_um.value_um <= 1.5
     assert found.minutes < 200
+
+
+@pytest.fixture(scope="module")
+def eleven():
+    """Four diagonals, three runs and the diagonals shifted, with what each of the 2048 choices leaves and takes."""
+    start = replace(BARE, volume=replace(BOX, increments=10))
+    shifted = tuple(replace(run, beam_offset_mm=(0.0, 0.0, 150.0)) for run in DIAGONALS)
+    lines = Exchange(start, replace(IDEALLY, head=False), (*DIAGONALS, *shifted, *LINEAR), EVERY_WAY[0])
+    choices = [choice for count in range(12) for choice in itertools.combinations(range(11), count)]
+    return lines, [(lines.minutes(choice, 10), lines.square_um2(choice)) for choice in choices]
+
+
+@pytest.mark.parametrize("limit", [130.0, 157.0, 180.0, 203.0, 243.0, 300.0])
+def test_exchange_finds_the_best_of_all_choices(eleven, limit):
+    """Within 3 % of what an evaluation of every choice finds."""
+    lines, every = eleven
+    found = lines.improved(lines.start(10, limit), 10, limit)
+    assert lines.minutes(found, 10) <= limit
+    least = min(square for minutes, square in every if minutes <= limit)
+    beside = lines.beside_um2(10)
+    assert np.sqrt((lines.square_um2(found) + beside) / (least + beside)) < 1.03
 
 
 @few(4)
