@@ -7,12 +7,13 @@ Machine and laser are the virtual ones, which share no code with the solver; the
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.readings.readings import Readings
-from stepdiag.base.readings.runs import Pace, Plan, Run, beam_mm, perfect_readings, plan_minutes
+from stepdiag.base.readings.runs import Pace, Plan, perfect_readings, plan_minutes
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.volume import Volume, anywhere_mm, rms
 from stepdiag.solver.methods.solve import solve
@@ -21,12 +22,16 @@ from stepdiag.solver.planning.foresight import bent_um
 from stepdiag.solver.planning.planner import forecast
 from stepdiag.solver.planning.search import Search
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
-from stepdiag.virtual.physics.machine import Machine, Setup
-from stepdiag.virtual.physics.optics import Beam, CornerCube, PlaneMirror, tilted
+from stepdiag.virtual.physics.machine import Machine
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "lib"))
+
+from testkit.exact.placed import placed
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 EMPTY = Plan(volume=VOLUME, runs=())
-NOISE_UM, TILT_MRAD, STANDOFF_MM = 0.3, 0.3, 300.0
+NOISE_UM, TILT_MRAD = 0.3, 0.3
+MACHINES = 20
 ALIGNING_MIN = 1000.0
 
 
@@ -43,25 +48,15 @@ def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
     for run in survey.runs:
         leans = [TILT_MRAD * np.array([np.cos(turn), np.sin(turn)]) for turn in rng.uniform(0, 2 * np.pi, 2)]
         mirror, beam = ((float(a), float(b)) for a, b in leans)
-        placed = _placed(survey, run, mirror, beam)
+        setup = placed(survey, run, mirror, beam)
         for key, rows in readings.passes().items():
             if key.setup == run.setup:
                 stops = readings.position_mm[rows]
-                shown = machine.indicated_mm(placed, stops, direction=np.sign(stops[-1] - stops[0]), time_s=np.zeros(len(stops)))
+                shown = machine.indicated_mm(setup, stops, direction=np.sign(stops[-1] - stops[0]), time_s=np.zeros(len(stops)))
                 noisy = shown + rng.normal(scale=1e-3 * NOISE_UM, size=len(rows))
                 read_mm[rows] = noisy - noisy[0]
     object.__setattr__(readings, "reading_mm", read_mm)
     return readings
-
-
-def _placed(survey: Plan, run: Run, mirror: tuple[float, float], beam: tuple[float, float]) -> Setup:
-    travel = np.array(run.travel.signs) * np.array(survey.volume.size_mm)
-    along, through = travel / np.linalg.norm(travel), beam_mm(survey, run)
-    linear = run.travel.kind == "linear"
-    runs_along = along if linear else tilted(along, beam)
-    target = CornerCube(np.zeros(3)) if linear else PlaneMirror(np.zeros(3), tilted(along, mirror), None)
-    start = perfect_readings(Plan(volume=survey.volume, runs=(run,))).position_mm[0]
-    return Setup(name=run.setup, beam=Beam(through - STANDOFF_MM * runs_along, runs_along), target=target, zero_mm=start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,4 +149,4 @@ def table(machines: int) -> None:
 
 
 if __name__ == "__main__":
-    table(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
+    table(int(sys.argv[1]) if len(sys.argv) > 1 else MACHINES)

@@ -75,7 +75,7 @@ class ByLaser:
         self._first: _Stand | None = None
         self._left_ns: int | None = None
         self._place: _Place | None = None
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._lost_ns: int | None = None
         self._over_with = False
         hint = start.hints[self._setup]
@@ -84,7 +84,7 @@ class ByLaser:
             self._turn(hint.known)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
-        """Return the stops whose standstill is over, and what is to be said."""
+        """Return the stops whose standstill is over, and what is reported."""
         dwells: list[Dwell] = []
         outcomes: list[Outcome] = []
         if now_ns - self._looked_ns < LOOK_NS:
@@ -184,11 +184,11 @@ class ByLaser:
         moved = stand.level_mm - place.levels[place.stop]
         self._say("warning", message("between-stops.apart", setup=self._setup, moved_mm=moved, wanted_mm=expected), outcomes)
 
-    def _say(self, severity: Severity, said: Message, outcomes: list[Outcome]) -> None:
+    def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         """Take a finding once a log."""
-        if said.code not in self._said:
-            self._said.add(said.code)
-            outcomes.append(finding(severity, said, Place(setup=self._setup)))
+        if words.code not in self._reported:
+            self._reported.add(words.code)
+            outcomes.append(finding(severity, words, Place(setup=self._setup)))
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
         """Return a standstill as a machine with signals would show it, at the planned position."""

@@ -149,8 +149,8 @@ class Capture:
 
     def _take_stands(self, by_laser: ByLaser, now_ns: int, outcomes: list[Outcome]) -> None:
         """Take the standstills that the laser alone shows."""
-        dwells, said = by_laser.look(now_ns)
-        for outcome in said:
+        dwells, outcomes_of_laser = by_laser.look(now_ns)
+        for outcome in outcomes_of_laser:
             if isinstance(outcome, Ended):
                 self._end(outcome.kind, outcome.reason, outcomes)
             else:
@@ -275,7 +275,7 @@ class Capture:
         found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
-            outcomes.extend([found.said_anew()] if found.apart else [])
+            outcomes.extend([found.begun_anew()] if found.apart else [])
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:

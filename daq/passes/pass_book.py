@@ -43,7 +43,7 @@ class PassBook:
         self._same_um = same_um(assumptions_of(survey).repeatability_um)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
-        self._foretold: list[tuple[int, tuple[Doubt, ...]]] = []
+        self._suspicions: list[tuple[int, tuple[Doubt, ...]]] = []
         self._news: list[Finding] = []
 
     @property
@@ -58,8 +58,8 @@ class PassBook:
 
     def add(self, stop: CapturedStop) -> Pass:
         """Take the next stop; return the pass it belongs to."""
-        while self._foretold and self._foretold[0][0] <= self.stops:
-            self.suspect(self._foretold.pop(0)[1])
+        while self._suspicions and self._suspicions[0][0] <= self.stops:
+            self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
         current = self.driven = self._current(stop)
         slip_um = current.differs_um(stop, self._stretch)
@@ -104,7 +104,7 @@ class PassBook:
 
         A stop driven because its pass was suspected belongs to that pass; without this it would be one of a further pass.
         """
-        self._foretold = list(suspicions)
+        self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
         """Take a person's word for a doubt; the same one again says nothing new."""

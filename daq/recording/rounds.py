@@ -6,7 +6,6 @@
 """
 
 import errno
-import fcntl
 import os
 import re
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
+from stepdiag.base.disk.system import lock
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import Way, Words, message, message_of
@@ -57,7 +57,7 @@ class FolderLock:
         except OSError as error:
             raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor)
         except OSError as error:
             holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
@@ -98,8 +98,8 @@ def _sign(descriptor: int, folder: Path) -> None:
 def is_recording(folder: Path) -> bool:
     """Tell whether a daemon holds the folder now; nothing is made or changed."""
     try:
-        with (folder / LOCK).open("rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        with (folder / LOCK).open("rb") as file:
+            lock(file.fileno(), shared=True)
     except BlockingIOError:
         return True
     except OSError:
@@ -144,7 +144,7 @@ def next_round(begun: Round) -> Round:
 
 
 def mend(folder: Path) -> None:
-    """Recover every log of a folder that was cut off; what cannot be mended is said and left as it is."""
+    """Recover every log of a folder that was cut off; what cannot be mended is reported and left as it is."""
     for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
         if part.with_suffix("").exists():
             continue

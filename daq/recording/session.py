@@ -16,7 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.conditions import believed_before, told_names, with_air
+from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
@@ -121,7 +121,7 @@ class Session:
         self._down: set[Link] = set()
         self.capture: Capture | None = None
         self._samples = 0
-        self.strip = Strip()
+        self._strip = Strip()
         self.recent = RecentStops()
         self.signals: Signals | None = None
         self.book = PassBook(survey)
@@ -129,7 +129,7 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The count of the stop that was taken last, in case a daemon died before it told the machine."""
+        """The count of the stop that was taken last, in case a daemon died before it wrote to the machine."""
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
@@ -162,6 +162,12 @@ class Session:
         return self.capture is not None
 
     @property
+    def strip(self) -> Strip:
+        """Return the newest readings for eyes. The samples are decoded here: a chunk that nobody looks at waits for its neighbours."""
+        self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
+        return self._strip
+
+    @property
     def machine_waits(self) -> bool:
         """Tell whether the machine stands at a stop until it hears that the stop is captured."""
         return self.capture is not None and self.capture.machine_waits
@@ -173,11 +179,6 @@ class Session:
 
     def consume(self, event: Event) -> None:
         """Take the next event: into the log first, then into the capture; or keep it until a log begins."""
-        self._take(event)
-        if isinstance(event, Chunk) and event.stream == "laser" and (last := self.laser_samples()) is not None:
-            self.strip.add(last)
-
-    def _take(self, event: Event) -> None:
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
             (self._down.discard if event.state == "connected" else self._down.add)(event.link)
@@ -229,7 +230,7 @@ class Session:
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
-        """Take what persons and the solver have said since."""
+        """Take what persons and the solver have added since."""
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
@@ -253,10 +254,10 @@ class Session:
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
-    def told(self) -> dict[str, float]:
-        """Return what a sensor or the laser told last of air and material, where the survey takes them from it."""
+    def conditions(self) -> dict[str, float]:
+        """Return what a sensor or the laser sent last of air and material, where the survey takes them from it."""
         sensor = self._idle_air() if self.capture is None else self.capture.air
-        return {name: sensor.told[name] for name in told_names(self.survey, sensor) if name in sensor.told}
+        return {name: sensor.conditions[name] for name in condition_names(self.survey, sensor) if name in sensor.conditions}
 
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
@@ -387,6 +388,7 @@ class Session:
         self._sink.end(status, str(reason))
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self._beyond = self.capture.went_beyond() if self.capture is not None else False
+        _ = self.strip  # takes the last samples of the capture, which ends
         self.capture = None
         self._idle = _idle_streams(self.survey)
 

@@ -79,7 +79,7 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A finding; ``place`` is where it belongs (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: nowhere).
 
-    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person said so (``word``: who, when, why), else ``past``.
+    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person accepted it (``word``: who, when, why), else ``past``.
     """
 
     code: str

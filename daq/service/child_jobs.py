@@ -84,14 +84,14 @@ class Finisher:
         """Return how a child ended and its last words; one after the other, for two would write the same readings."""
         async with self._one:
             child = await asyncio.create_subprocess_exec(*command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE)
-            said = (await _said_at_the_end(child)).decode("utf-8", "replace").strip()
-        return child.returncode or 0, _of_line(said.splitlines()[-1] if said else "")
+            written = (await _last_words(child)).decode("utf-8", "replace").strip()
+        return child.returncode or 0, _of_line(written.splitlines()[-1] if written else "")
 
     async def _tabulate(self, folder: Path, then: Callable[[], None]) -> None:
         await self._recorder_idle.wait()
-        code, said = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
+        code, reason = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
         if code:
-            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(said))
+            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(reason))
         then()
 
     async def _finish(self, folder: Path) -> None:
@@ -115,7 +115,7 @@ class Finisher:
             child = await asyncio.create_subprocess_exec(
                 *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL
             )
-            await _said_at_the_end(child)
+            await _last_words(child)
 
 
 def _of_line(line: str) -> Words:
@@ -126,13 +126,13 @@ def _of_line(line: str) -> Words:
         return line
 
 
-async def _said_at_the_end(child: asyncio.subprocess.Process) -> bytes:
-    """Return what a child said on standard error, once it has ended; when cancelled, end it first."""
+async def _last_words(child: asyncio.subprocess.Process) -> bytes:
+    """Return what a child wrote on standard error, once it has ended; when cancelled, end it first."""
     try:
-        _, said = await child.communicate()
+        _, written = await child.communicate()
     except asyncio.CancelledError:
         with suppress(ProcessLookupError):
             child.terminate()
         await child.wait()
         raise
-    return said or b""
+    return written or b""

@@ -10,7 +10,7 @@ from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""The pace is told from this many stops."""
+"""The pace is computed from this many stops."""
 LONGEST_DWELL = 20.0
 """A stop that took so many times longer than planned was an interruption, not the pace."""
 

@@ -5,6 +5,7 @@ from collections import deque
 import numpy as np
 
 from stepdiag.daq.timing.samples import Samples
+from stepdiag.daq.timing.stream import StreamBuffer
 
 BIN_S = 0.02
 KEEP_BINS = 75
@@ -18,6 +19,11 @@ class Strip:
     def __init__(self) -> None:
         self.bins: deque[tuple[int, float, float]] = deque(maxlen=KEEP_BINS)
         self._newest_ns = 0
+
+    def follow(self, stream: StreamBuffer) -> None:
+        """Take what a stream remembers and the strip does not hold yet."""
+        for batch in stream.since(self._newest_ns):
+            self.add(batch)
 
     def add(self, batch: Samples) -> None:
         """Take a batch: its samples are spread evenly over the time since the batch before."""

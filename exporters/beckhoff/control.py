@@ -34,7 +34,6 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")
-_LIST_QUANTUM_UM = 0.1
 _CSV_NAME = "volumetric_errors.csv"
 
 
@@ -214,7 +213,7 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
     for curve in curves:
         place: dict[str, int | str] = {"list": f"achskw{options.axis_numbers.get(curve.output_axis, 0)}.lis"}
         if curve.name in POSITIONING:
-            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=_LIST_QUANTUM_UM, place=place)
+            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=parameter_list.QUANTUM_UM, place=place)
             continue
         other = masters.setdefault(curve.output_axis, curve.input_axis)
         if other != curve.input_axis:
@@ -237,7 +236,7 @@ def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict
             remedy=message("no-page"),
         )
     law = Law(sense=options.cross_sense)
-    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=_LIST_QUANTUM_UM, place=place)
+    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=parameter_list.QUANTUM_UM, place=place)
 
 
 def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Finding]:

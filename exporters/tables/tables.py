@@ -206,7 +206,7 @@ def plain_rows(table: Table) -> tuple[str, ...]:
     """Return one row a point for the report: number, position in mm, value in um."""
     rows = zip(table.position_mm, table.value_um, strict=True)
     return (
-        f"{'point':>6} {'position mm':>14} {'value um':>12}",
+        f"{'point':>6} {'position mm':>14} {'value µm':>12}",
         *(f"{index:>6} {position:>14.4f} {fixed(value, 3):>12}" for index, (position, value) in enumerate(rows)),
     )
 

@@ -78,7 +78,7 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
     if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
         near = difflib.get_close_matches(base, names, cutoff=0.5)
         remedy = message("did-you-mean-near", near=repr(near[0])) if near else message("shifted-beam-second-alignment")
-        raise UsageError(where, expected="one of " + ", ".join(names), found=repr(name), remedy=remedy)
+        raise UsageError(where, expected=message("one-of", names=list(names)), found=repr(name), remedy=remedy)
     return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0)
 
 

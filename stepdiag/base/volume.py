@@ -21,7 +21,8 @@ box together may differ by twice that, as recording takes stops (`daq.capture.pl
 such a way, which `solver.adjustment` takes off as well."""
 SHARE_OF_STEP = 0.25
 """Of an increment, where that is less: two targets must not become one."""
-_ROUNDING_MM = 1e-6
+ROUNDING_MM = 1e-6
+"""Positions so close to each other are one: no control distinguishes them, and a slope between them is none."""
 
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
 """Of the distance between even targets, to either side; and how close even targets may be."""
@@ -79,7 +80,7 @@ class Volume:
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
     """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an axis with one target, shape (k,)."""
-    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + _ROUNDING_MM
+    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + ROUNDING_MM
     return tolerance
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.cli.fleet import extra_needed
 
 JUDGED_WRONG = 5
 
@@ -61,16 +62,31 @@ def certificate(
     typer.echo(f"certificate: {out}; it rests on {len(links)} things, the first {RESULT}")
 
 
-def verify_file(path: Path, folder: Path | None, key_certificate: Path | None = None) -> None:
-    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not."""
+def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:
+    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not.
+
+    ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
+    """
     from stepdiag.certificate.custody import verify_certificate
 
     if key_certificate is not None:
         from stepdiag.certificate.signature import require_signature
 
         require_signature(path, key_certificate)
-    found = verify_certificate(path, folder or path.parent)
+    if is_store(custody):
+        with extra_needed("fleet"):
+            from stepdiag.fleet.custody import verify_in_store
+        found = verify_in_store(path, custody)
+    else:
+        found = verify_certificate(path, Path(custody or path.parent))
     if found.broken is not None:
         typer.echo(f"WRONG {path.name}: {found.broken}")
         raise typer.Exit(JUDGED_WRONG)
     typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")
+    if found.signed and key_certificate is None:
+        typer.echo("its signature is not checked: --key-certificate CERT.pem checks it")
+
+
+def is_store(custody: str) -> bool:
+    """Return whether a place is a store: a folder with its mark, or an address of a file system elsewhere."""
+    return "://" in custody or (Path(custody) / "stepdiag-store.json").is_file()

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from stepdiag.base.volume import Volume
     from stepdiag.exporters.export.written import ExportReport
     from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.safety.read_back import ReadBack
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
 
@@ -182,9 +183,12 @@ def verify(
     profile: ProfileFile = None,
     diagonal: Diagonals = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
-    custody: Annotated[
-        Path | None, typer.Option(help="Of a certificate: the folder of its logs, result and files; its own without it.")
+    read_back: Annotated[
+        list[Path] | None, typer.Option(help="A file read out of the control after loading: compared with FILES number by number.")
     ] = None,
+    custody: Annotated[
+        str, typer.Option(help="Of a certificate: the folder of its logs, result and files, or a store; its own folder without it.")
+    ] = "",
     key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
     compensation: Compensation = None,
     active: Active = None,
@@ -197,12 +201,14 @@ def verify(
     Files are read as the control will read them, and the error before and after is predicted; exit code 5 where one of
     their tables is wrong, beyond a limit, or makes the machine worse.
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
+    Files that were read out of the control after loading (--read-back) are compared with FILES, with switches and weights; exit code 5
+    where one number differs.
     A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
     """
     if result.suffix.lower() == ".xml":
         verify_file(result, custody, key_certificate)
         return
-    if custody is not None or key_certificate is not None:
+    if custody or key_certificate is not None:
         raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
@@ -212,29 +218,64 @@ def verify(
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     beside = compared(measured, diagonal or ())
     if not files:
-        _diagonals_alone(beside, as_json=as_json)
+        _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
     given, aside = _tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
+    held = _read_back(measured, given, read_back or [], known)
     if as_json:
-        typer.echo(json.dumps({**_verification_json(found, given, aside), **_diagonals_json(beside)}, indent=2, ensure_ascii=False))
+        parts = {**_verification_json(found, given, aside), **_read_back_json(held), **_diagonals_json(beside)}
+        typer.echo(json.dumps(parts, indent=2, ensure_ascii=False))
     else:
         _print_verification(found, given, aside, stated_in(measured).words())
         _caution(measured, found.prediction)
         say_granted([measured])
         for each in beside:
             print_compared(each)
+        _print_read_back(held)
         if out is not None:
             typer.echo(f"picture: {out}")
-    if not found.right:
+    if not (found.right and (held is None or not held.findings)):
         raise typer.Exit(JUDGED_WRONG)
 
 
-def _diagonals_alone(beside: "list[Compared]", *, as_json: bool) -> None:
+def _read_back(measured: "Result", given: "Sequence[ControlFile]", paths: list[Path], known: "Profile | None") -> "ReadBack | None":
+    """Return what the control holds against what was written, None without files of it. Raises DataError for those of another control."""
+    from stepdiag.exporters.files.sets import read_given
+    from stepdiag.exporters.profiles.file import quick_profile
+    from stepdiag.exporters.safety.read_back import compare
+    from stepdiag.exporters.safety.verify import controller_for
+
+    if not paths:
+        return None
+    control = controller_for(given)
+    return compare(control, given, read_given(paths), known or quick_profile(control, measured.volume))
+
+
+def _read_back_json(held: "ReadBack | None") -> dict[str, object]:
+    if held is None:
+        return {}
+    return {"read_back": {"numbers": held.numbers, "switches": held.switches, "findings": [each.as_json() for each in held.findings]}}
+
+
+def _print_read_back(held: "ReadBack | None") -> None:
+    from stepdiag.terminal.tables import finding_lines
+
+    if held is None:
+        return
+    if not held.findings:
+        typer.echo(f"read back: {held.numbers} numbers and {held.switches} switches and weights in the control are as written")
+    for line in finding_lines(held.findings):
+        typer.echo(line)
+
+
+def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
     """Show straight diagonals against a result, where no files are to be judged. Raises UsageError where there is neither."""
+    if read_back:
+        raise UsageError("--read-back", expected="the files of the export that was loaded beside it", found="none")
     if not beside:
         raise UsageError("verify", expected="the files of a control, or --diagonal", found="neither")
     if as_json:
@@ -259,11 +300,14 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
     from stepdiag.exporters.files.sets import SUMS, read_given
     from stepdiag.exporters.linuxcnc import kinematics
     from stepdiag.exporters.profiles.registry import CONTROLLERS
+    from stepdiag.exporters.siemens.read_back import NAME as READ_BACK
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
         known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
-        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL) and (known or not file.name.lower().endswith(".txt"))
+        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL, READ_BACK) and (
+            known or not file.name.lower().endswith(".txt")
+        )
 
     read = read_given(paths)
     acting = [file for file in read if acts(file)]

@@ -70,9 +70,9 @@ def signs(
         [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
         file,
     )
-    write_calibration(out, found.file)
+    write_calibration(out, found.file.with_measured("fourdof signs", _today(), "lever"))
     if as_json:
-        lever = msgspec.structs.asdict(found.file.lever)
+        lever = msgspec.structs.asdict(found.lever)
         factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
         typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
         return
@@ -90,15 +90,15 @@ def new(
 ) -> None:
     """Write the file of a head that is not calibrated yet.
 
-    To start from; limits of the sums are for you to fill in.
+    To start from: what a command has to measure is not in it.
     """
     from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity
 
     identity = HeadIdentity(
-        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm
+        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm, version=2
     )
     write_calibration(out, HeadFile(head=identity))
-    typer.echo(f"written: {out}; next: `stepdiag fourdof calibrate`, then `stepdiag fourdof signs`")
+    typer.echo(f"written: {out}; next: `stepdiag fourdof commission`")
 
 
 @commands.command()
@@ -107,7 +107,7 @@ def calibrate(
     base: Annotated[Path, typer.Option(help="The calibration file to start from; `stepdiag fourdof new` writes the first.")],
     out: Annotated[Path, typer.Option(help="The calibration file to write, dated today; never overwritten.")],
     reference: Annotated[str, typer.Option(help="The reference instrument and its certificate, in words.")] = "",
-    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in um or arc-seconds as it reads.")] = 0.0,
+    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in µm or arc-seconds as it reads.")] = 0.0,
     degree: Annotated[int, typer.Option(min=1, max=9, help="Degree of the polynomial.")] = 5,
     plot: Plot = None,
     as_json: AsJson = False,
@@ -128,7 +128,7 @@ def calibrate(
         detector, axis, source = _stage(text)
         fitted = calibrate_axis(stage_run(source, detector, axis), detector, file, degree=degree, u_reference=u_reference)
         fits[f"{detector}.{axis}"] = fitted
-        file = with_curve(file, detector, axis, fitted)
+        file = with_curve(file, detector, axis, fitted).with_measured("fourdof calibrate", _today(), f"{detector}.{axis}")
     write_calibration(out, file)
     if plot is not None:
         _draw(plot, calibration_charts(fits), "residuals of the calibration")

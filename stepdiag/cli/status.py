@@ -89,8 +89,8 @@ def _print(found: "Standing") -> None:
     for line in _live(found):
         typer.echo(printable(line))
     for setup in found.setups:
-        for said in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
-            typer.echo(printable(f"{setup.name}: {said}"))
+        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
+            typer.echo(printable(f"{setup.name}: {words}"))
     for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
         typer.echo(printable(line))
     if found.disk:
@@ -145,7 +145,7 @@ def _live(found: "Standing") -> list[str]:
     links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
     lines = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
-    lines += [f"told of air and material: {air}"] if air else []
+    lines += [f"air and material: {air}"] if air else []
     return [*lines, f"it waits for: {found.live.waits_for}", *([str(found.live.message)] if found.live.message else [])]
 
 
@@ -154,10 +154,10 @@ def _doubted(found: "Standing") -> list[str]:
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))
-    said, lines = " ".join(str(setup.doubt) for setup in found.setups), list[str]()
+    shown, lines = " ".join(str(setup.doubt) for setup in found.setups), list[str]()
     for place in places_of(found.doubts):
         here = [str(doubt.words) for doubt in found.doubts if doubt.place == place]
-        lines += [text for text in here if text not in said and text not in lines]
+        lines += [text for text in here if text not in shown and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
     return lines
 

@@ -14,7 +14,6 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.daq.links.ports.device import SerialSettings
-from stepdiag.daq.links.ports.serial import instrument_line
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import head_decoder, parse_survey
@@ -133,6 +132,8 @@ def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callab
 
 
 async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batch: Callable[[Samples], None] | None) -> None:
+    from stepdiag.daq.links.ports.serial import instrument_line  # a line of this computer, which needs Linux; its files do not
+
     section = survey.head
     if section is None:
         return

@@ -13,7 +13,7 @@ from stepdiag.base.names import AXES
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
+from stepdiag.daq.survey.head_file import HeadFile, LeverTable, parse_head_file, require_measured, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
 from stepdiag.fourdof.angular import turns_of
@@ -95,6 +95,7 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
         raise DataError(section.calibration or "head.calibration", expected=message("head-s-calibration-file"), found=message("nothing"))
     file = parse_head_file(data, section.calibration)
     require_owner(file, section, section.calibration)
+    require_measured(file, section.calibration)
     return file
 
 
@@ -108,7 +109,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     channels, u_channels = _channels(stops, name)
     distance = _distance_mm(section, run, stops, position, name)
     qd_only = len(stops[0].channels) == QD_ONLY
-    head = replace(calibrated(file), psd1=Detector(), psd2=Detector()) if qd_only else calibrated(file)
+    head = replace(calibrated(file), psd1=Detector(), psd2=Detector(), light=None) if qd_only else calibrated(file)
     found = motion(
         channels,
         distance,
@@ -207,7 +208,7 @@ class _Noise:
 
 def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, file: HeadFile, shift_um: float) -> _Noise:
     """Return calibration, lever, drift, scatter of the stop's mean and the beam's parallel shift together."""
-    lever_um = file.lever.u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+    lever_um = (file.lever or LeverTable()).u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the drift's own uncertainty holds the scatter of the detector that saw it
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))

@@ -20,6 +20,7 @@ from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
+from stepdiag.texts.texts import UNITS
 
 DETECTORS = ("QD", "PSD1", "PSD2")
 BAR = 6
@@ -88,7 +89,7 @@ def signs_lines(found: Signed) -> Iterator[str]:
         yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
         levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
         yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
-    lever = found.file.lever
+    lever = found.lever
     u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
     yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
     yield from finding_lines(found.findings)
@@ -97,13 +98,14 @@ def signs_lines(found: Signed) -> Iterator[str]:
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
     """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the published head's."""
     table = Table(title="calibration")
-    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / um", "within 1.5"):
+    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / µm", "within 1.5"):
         table.add_column(heading, justify="right")
     for name, each in fits.items():
         low, high = each.limits
         reach = f"{each.run.reference.min():g} .. {each.run.reference.max():g}"
         inside = max(-low, high) <= (PAPER_UM if each.run.unit == "um" else PAPER_ARCSEC)
-        table.add_row(name, reach, f"{low:+.2f}", f"{high:+.2f}", each.run.unit, f"{each.fit.curve.u_um:.2f}", "yes" if inside else "NO")
+        figures = (f"{low:+.2f}", f"{high:+.2f}", UNITS[each.run.unit], f"{each.fit.curve.u_um:.2f}")
+        table.add_row(name, reach, *figures, "yes" if inside else "NO")
     Console().print(table)
 
 
@@ -113,7 +115,7 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
     for name, each in fits.items():
         order = np.argsort(each.run.reference)
         series = Series(label=name, x=each.run.reference[order], y=each.residual[order])
-        label, unit = f"{name}: residual of the fitted curve", "µm" if each.run.unit == "um" else "arc-seconds"
+        label, unit = f"{name}: residual of the fitted curve", UNITS[each.run.unit]
         drawn.append(line_chart([series], label=label, x_label=f"{name}: reference / {unit}", y_label=f"residual / {unit}"))
     return drawn
 
@@ -152,10 +154,10 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
         table.add_column(heading, justify="left" if heading in ("function", "unit") else "right")
     for one in straight:
         lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
-        table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "um")
+        table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "µm")
     for name, known in angles.items():
         spread = f"{float(np.ptp(known.value_urad)):.2f}"
-        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "urad")
+        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "µrad")
     Console().print(table)
 
 
@@ -184,4 +186,4 @@ def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
 
 
 def _unit(name: str) -> str:
-    return "um" if name in DISPLACEMENTS or name.startswith("straightness") else "arcsec"
+    return "µm" if name in DISPLACEMENTS or name.startswith("straightness") else "arcsec"

@@ -5,12 +5,12 @@ from math import isfinite
 
 from rich.table import Table
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Advice, Forecast
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 
@@ -20,8 +20,8 @@ def in_words(forecast: Forecast) -> str:
     runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
     hours, minutes = divmod(round(forecast.minutes), 60)
     return (
-        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
-        f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
+        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} µm "
+        f"(rms over the volume, k = 2), {forecast.left_um.best()} µm most probably; angular errors {_ANGLES[forecast.angles]}"
         f"{_slips(forecast.ahead)}"
     )
 
@@ -30,7 +30,7 @@ def _slips(ahead: Foresight) -> str:
     """Return how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
     if ahead.unseen is None:
         return ""
-    sure = f", one of {ahead.unseen.nearly_um:.2g} um is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
+    sure = f", one of {ahead.unseen.nearly_um:.2g} µm is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
     return f"; {ahead.hides()}{sure}"
 
 
@@ -39,16 +39,16 @@ def forecast_table(forecast: Forecast) -> Table:
     table = Table(title="forecast: U (k = 2)")
     for column in ("quantity", "X", "Y", "Z", "unit"):
         table.add_column(column, justify="left" if column in {"quantity", "unit"} else "right")
-    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "um"), ("scale", AXIS_LETTERS, "um/m")):
+    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "µm"), ("scale", AXIS_LETTERS, "µm/m")):
         table.add_row(word, *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
         cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
-        table.add_row(f"straightness in {component}", *cells, "um")
+        table.add_row(f"straightness in {component}", *cells, "µm")
     for component, word in zip("ABC", "XYZ", strict=True):
-        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "urad")
+        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "µrad")
     table.add_section()
     for name, pair in zip(SQUARENESS, ("Y to X", "Z to X", "Z to Y"), strict=True):
-        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "urad")
+        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "µrad")
     table.caption = "-: the survey does not identify it" + _resolved(forecast)
     return table
 
@@ -66,8 +66,8 @@ def _resolved(forecast: Forecast) -> str:
 
 def front_table(advice: Advice) -> Table:
     """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
-    table = Table(title="what is worth its time (um: left by an ideal compensation, rms over the volume)")
-    for column in ("min", "um", "lines"):
+    table = Table(title="what is worth its time (µm: left by an ideal compensation, rms over the volume)")
+    for column in ("min", "µm", "lines"):
         table.add_column(column, justify="left" if column == "lines" else "right")
     for each in advice.front:
         table.add_row(f"{each.minutes:.0f}", each.left_um.best(), lines_in_words(each.plan))
@@ -84,7 +84,7 @@ def _head(advice: Advice) -> Iterator[str]:
     if (more := advice.with_head) is not None:
         chosen = advice.best or advice.forecast
         minutes, left = more.minutes - chosen.minutes, chosen.left_um.best()
-        yield f"a 4-DOF head along each axis: {left} -> {more.left_um.best()} um, {minutes:.0f} min more"
+        yield f"a 4-DOF head along each axis: {left} -> {more.left_um.best()} µm, {minutes:.0f} min more"
 
 
 def lines_in_words(plan: Plan) -> str:

@@ -8,11 +8,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import Finding
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
+from stepdiag.texts.texts import UNITS
 
 MARKS = {"error": "ERROR", "warning": "WARNING", "info": "note"}
 
@@ -49,14 +50,14 @@ def function_table(result: Result) -> Table:
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
     """Return the cells behind the name. A straightness has no end value: its end-point line is in the squareness."""
     if function.value is None:
-        return "-", "-", "-", function.unit, "NO"
+        return "-", "-", "-", UNITS[function.unit], "NO"
     end = float(function.value[-1] - function.value[0])
     along = (function.position_mm - function.position_mm[0]) / (function.position_mm[-1] - function.position_mm[0])
     expanded = None if function.u is None else COVERAGE * float(np.max(function.u))
     known = "yes" if function.slope_identified else "shape only"
     straightness = name in DISPLACEMENTS and name[1] != name[2]
     end_shown = _shown(end) if function.slope_identified and not straightness else "-"
-    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), function.unit, known
+    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), UNITS[function.unit], known
 
 
 def quantity_table(result: Result) -> Table:
@@ -64,8 +65,8 @@ def quantity_table(result: Result) -> Table:
     table = Table(title="squareness and scale")
     for column in ("quantity", "value", "U (k = 2)", "unit", "identified"):
         table.add_column(column, justify="right" if column in {"value", "U (k = 2)"} else "left")
-    numbers = [(name, q.value, q.u, q.unit) for name, q in result.squareness.items()]
-    numbers += [(f"scale {axis}", scale.value, scale.u, scale.unit) for axis, scale in result.scale.items()]
+    numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
+    numbers += [(f"scale {axis}", scale.value, scale.u, UNITS[scale.unit]) for axis, scale in result.scale.items()]
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
         known = "NO" if value is None else "yes"
@@ -76,7 +77,7 @@ def quantity_table(result: Result) -> Table:
 def setup_table(result: Result) -> Table:
     """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
     table = Table(title="setups")
-    for column in ("setup", "tilt / mrad", "repeatability / um", "residual / um"):
+    for column in ("setup", "tilt / mrad", "repeatability / µm", "residual / µm"):
         table.add_column(column, justify="left" if column == "setup" else "right")
     for name, facts in result.setups.items():
         table.add_row(Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)))
@@ -92,7 +93,7 @@ def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
 def effect_table(prediction: Prediction) -> Table:
     """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
     what = "volumetric error" if prediction.drawn.volume.solid else "error where the axes travelled"
-    table = Table(title=f"predicted {what} / um, k = 2")
+    table = Table(title=f"predicted {what} / µm, k = 2")
     for column in ("", "before", "after"):
         table.add_column(column, justify="right" if column else "left")
     for name, figures in prediction.predicted.parts().items():

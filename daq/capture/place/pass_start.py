@@ -24,12 +24,12 @@ class PassFinder:
         self._survey = survey
         self._start = start
         self._planned = survey.plan.all_setups
-        self._unplanned_said = False
+        self._unplanned_reported = False
         self.walk: Walk | None = None
         self.turn: CapturedStop | None = None
 
     def follow(self, signals: Signals, reading_mm: float | None = None) -> Walk | Finding | Ended | None:
-        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was said.
+        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was reported.
 
         ``reading_mm`` is what the laser reads now, None where its count does not reach back to the stops of the log before.
         """
@@ -66,9 +66,9 @@ class PassFinder:
         return next((name for name, hint in self._start.hints.items() if hint.wanted), None)
 
     def _unplanned(self, signals: Signals) -> Finding | None:
-        if signals.setup is None or self._unplanned_said:
+        if signals.setup is None or self._unplanned_reported:
             return None
-        self._unplanned_said = True
+        self._unplanned_reported = True
         planned, base = ", ".join(self._start.hints), SETUP_NUMBERS.get(signals.setup)
         text = message("unplanned-setup", number=signals.setup, name=base or message("unknown-setup"), planned=planned)
         return finding("error", text)

@@ -168,7 +168,7 @@ def test_the_operator_is_told_the_name_that_the_file_has(control: str, names: li
 
 
 def test_a_position_that_the_control_would_round_is_refused() -> None:
-    """400 mm in 7 increments lies between the microns of a Fanuc: the axis would stand up to 0.5 um beside the solver's stop."""
+    """400 mm in 7 increments lies between the microns of a Fanuc: the axis would stand up to 0.5 µm beside the solver's stop."""
     sequence = replace(PLAIN, volume=replace(VOLUME, increments=7))
     with pytest.raises(UsageError, match=r"setup ppp, stop 1, x.*whole input increments of 0\.001 mm"):
         nc_programs(sequence, "fanuc")

@@ -107,7 +107,7 @@ def test_a_table_smaller_than_what_the_survey_knows_says_nothing() -> None:
 
 @pytest.mark.parametrize(("acted", "stated"), [(True, "off"), (False, "on")])
 def test_an_export_on_a_wrong_statement_is_refused(acted: bool, stated: str, tmp_path) -> None:
-    """Tables made of what is left, in place of the old ones: 2.8 um had become 5.1 with exit code 0."""
+    """Tables made of what is left, in place of the old ones: 2.8 µm had become 5.1 with exit code 0."""
     result, _ = surveyed(np.random.default_rng(3), dict.fromkeys(KINDS, acted))
     dice = np.random.default_rng(3)
     plan = CONTROL.plan(curves_of(made_result({name: list(each) for name, each in drawn(dice).items()})), profile_of("siemens", VOLUME))

@@ -56,7 +56,7 @@ def written(name: str, result: Result, of: Profile) -> tuple[ControlFile, ...]:
 
 def virtual_um(files: tuple[ControlFile, ...], chain: str, points: Vector = POINTS, **law: object) -> Vector:
     """Return what the control of the manual makes of the files."""
-    texts = {file.name: file.data.decode("ascii") for file in files}
+    texts = {file.name: file.data.decode() for file in files}
     if "volumetric_errors.csv" in texts:
         table = load_volumetric(texts["volumetric_errors.csv"], chain=chain, **law)
     else:

@@ -57,7 +57,7 @@ def test_hidden_combinations_are_those_of_the_rank_table():
 
 
 def test_noise_of_the_readings_reaches_the_shapes_as_measured():
-    """theory.md 5.2: separable model, 1 m cube, n = 10, 0.2 um: shapes 0.37 to 0.39 um at their worst node."""
+    """theory.md 5.2: separable model, 1 m cube, n = 10, 0.2 µm: shapes 0.37 to 0.39 µm at their worst node."""
     cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=10)
     found = forecast(bare_survey(Plan(volume=cube, runs=())), SEPARABLE)
     assert [found.u[name] for name in ("EXX", "EYX", "EZZ")] == pytest.approx([0.32] * 3, abs=0.02)
@@ -215,7 +215,7 @@ def test_the_forecast_is_what_the_result_will_predict():
 
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
 def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
-    """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 um were planned: sixty leave 5.7."""
+    """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 µm were planned: sixty leave 5.7."""
     ahead = forecast(bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR), IDEALLY)
     low, high = left_um
     assert ahead.left_um.low_um < low < ahead.left_um.value_um < high < ahead.left_um.high_um

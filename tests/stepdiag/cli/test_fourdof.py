@@ -8,11 +8,11 @@ from typer.testing import CliRunner
 
 from stepdiag.base.errors import DataError, StepdiagError, UsageError
 from stepdiag.cli.app import app, build
-from stepdiag.daq.survey.head_file import LeverTable, parse_head_file
+from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file
 from stepdiag.fourdof.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.exact.heads import write_head_file
+from testkit.exact.heads import head_file, write_head_file
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))
@@ -82,6 +82,32 @@ def test_from_a_new_head_to_its_calibration_file(tmp_path):
     assert "residual of the fitted curve" in picture.read_text()
     with pytest.raises(UsageError, match="expected a new file"):
         fourdof("calibrate", *arguments, "--base", out, "--out", out)
+
+
+def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_path):
+    """A file of `new` gave a pitch 40 u off, and one without signs covered 1 per cent."""
+    fourdof("new", "--id", "4D-9", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "new.toml")
+    wobble = write_samples(tmp_path / "w.csv", 300.0, 20.0, amplitude=100.0, period_s=3.0)
+    at = ("--at", f"300={wobble}", "--calibration", tmp_path / "new.toml", "--out", tmp_path / "x.toml")
+    with pytest.raises(DataError, match=r"signs: qd.x: .*found nothing has measured qd.x, qd.y, .*; next: `stepdiag fourdof commission`"):
+        fourdof("signs", *at)
+    run = write_stage_run(tmp_path / "qdx.csv", "qd", 0)
+    fourdof("calibrate", "--run", f"qd.x={run}", "--base", tmp_path / "new.toml", "--out", tmp_path / "part.toml")
+    file = parse_head_file((tmp_path / "part.toml").read_bytes(), "part.toml")
+    assert file.measured["qd.x"].by == "fourdof calibrate"
+    with pytest.raises(DataError, match=r"stability: qd.y: expected a field that a command measured"):
+        fourdof("stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300)
+
+
+def test_a_detector_wrong_by_a_factor_of_two_is_refused_and_nothing_is_written(tmp_path):
+    """The mean of a right and a wrong axis was written, wrong for both."""
+    half = AxisTable(coefficients_um=(0.0, 1000.0), low=-0.95, high=0.95, u_um=0.1)
+    write_head_file(tmp_path / "head.toml", psd1=DetectorTable(x=half, y=head_file().psd1.y))
+    places = [(d, write_samples(tmp_path / f"{d}.csv", float(d), 20.0, amplitude=100.0, period_s=3.0)) for d in (300, 900)]
+    at = [part for distance, path in places for part in ("--at", f"{distance}={path}")]
+    with pytest.raises(DataError, match=r"gains from 0.95 to 1.05, found a lever that grows"):
+        fourdof("signs", *at, "--calibration", tmp_path / "head.toml", "--out", tmp_path / "signed.toml")
+    assert not (tmp_path / "signed.toml").exists()
 
 
 def test_the_pages_of_figures_are_html_where_asked(tmp_path):

@@ -8,7 +8,7 @@ from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.head_file import CrosstalkTable, LeverTable, render_head_file
+from stepdiag.daq.survey.head_file import CrosstalkTable, DetectorTable, HeadIdentity, LeverTable, LightTable, render_head_file
 from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
@@ -71,7 +71,7 @@ STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
 def test_straightness_pitch_and_yaw_of_every_axis_are_found_through_a_drifting_beam():
-    """20 urad of pointing at 0.9 m would be 18 um of straightness; the fit of a FXYZ machine sees none of it."""
+    """20 urad of pointing at 0.9 m would be 18 µm of straightness; the fit of a FXYZ machine sees none of it."""
     wanted = survey()
     passes, truth = captured(wanted)
     found = evaluate_head(wanted, passes, FILES, {})
@@ -113,7 +113,7 @@ def test_the_laser_may_give_the_distance():
 
 
 def test_a_cube_off_the_axis_needs_the_roll_of_a_level():
-    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 um; with vertex and level told, they are gone."""
+    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 µm; with vertex and level told, they are gone."""
     wanted = survey()
     passes, truth = captured(wanted, vertex="0.0, 30.0, 0.0")
     told = {"head.toml": render_head_file(head_file(crosstalk=CrosstalkTable(vertex_mm=(30.0, 0.0, 0.0)))).encode()}
@@ -131,6 +131,35 @@ def test_a_calibration_of_another_head_or_none_is_refused():
         evaluate_head(wanted, passes, FILES, {})
     with pytest.raises(DataError, match="expected the head's calibration file in the log"):
         evaluate_head(wanted, passes, {}, {})
+
+
+def test_a_calibration_that_is_not_finished_gives_no_result():
+    """What `show` and `solve` take is complete: the fields that nothing has measured are named."""
+    wanted = survey()
+    passes, _ = captured(wanted)
+    identity = HeadIdentity(id="4D-001", format="fourdof", date="2026-11-26", version=2)
+    for changes in ({}, {"lever": None}, {"qd": DetectorTable()}):
+        unfinished = {"head.toml": render_head_file(head_file(head=identity, **changes)).encode()}
+        with pytest.raises(DataError, match=r"head.toml: .*nothing has measured .*next: `stepdiag fourdof commission`"):
+            evaluate_head(wanted, passes, unfinished, {})
+
+
+def test_a_spot_that_loses_a_fiftieth_of_its_light_is_named_and_not_used():
+    wanted = survey()
+    passes, _ = captured(wanted)
+    lit = {"head.toml": render_head_file(head_file(light=LightTable(sums=(1e6, 1e6, 1e6), within=0.01))).encode()}
+    assert evaluate_head(wanted, passes, lit, {}).findings == ()
+    book = PassBook(wanted)
+    for stop in (stop for each in passes for stop in each.chosen().values()):
+        cut = stop.setup == "fourdof-x" and stop.stop == 3
+        book.add(msgspec.structs.replace(stop, channels=(*stop.channels[:2], 0.98 * stop.channels[2], *stop.channels[3:])) if cut else stop)
+    found = evaluate_head(wanted, book.passes, lit, {})
+    assert {finding.code for finding in found.findings} == {"fourdof-out-of-range"}
+    assert all("one sum left the other two in 1 of 7" in finding.text for finding in found.findings)
+    assert (
+        sum(len(one.position_mm) for one in found.straightness)
+        == sum(len(one.position_mm) for one in evaluate_head(wanted, passes, lit, {}).straightness) - 4
+    )
 
 
 def test_a_quadrant_detector_alone_gives_straightness_with_its_drift_and_says_so():
@@ -198,7 +227,7 @@ def test_level_and_head_are_merged_and_a_double_is_named():
 
 
 def test_the_parallel_shift_of_the_source_is_in_the_uncertainty():
-    """No detector sees it: half of a shift of 6 um in a pass, as a Brownian bridge, is 1.2 um in the rms beside what u was."""
+    """No detector sees it: half of a shift of 6 µm in a pass, as a Brownian bridge, is 1.2 µm in the rms beside what u was."""
     wanted = survey()
     passes, _ = captured(wanted)
     still = msgspec.structs.replace(wanted, uncertainty=msgspec.structs.replace(wanted.uncertainty, source_shift_um=0.0))
