@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks import designs
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
@@ -213,6 +214,14 @@ def test_the_forecast_is_what_the_result_will_predict():
     assert ahead.volumetric_um == pytest.approx(result.volumetric_u_um, rel=0.25)
 
 
+def test_a_forecast_is_what_exact_machines_leave():
+    """Twelve lines of 240 minutes on a machine of 30 urad, which the planner chose: twenty machines leave 0.98 um, within 10 % of what is
+    forecast (`benchmarks.designs`)."""
+    found = designs.driven(designs.within(30.0, 240.0), 30.0, 2, seed=900)
+    assert found.rms_um == pytest.approx(found.forecast_um, rel=0.25)
+    assert found.rms_um < 1.3
+
+
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
 def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
     """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 µm were planned: sixty leave 5.7."""
@@ -243,7 +252,7 @@ def test_impossible_wish_gives_no_survey():
 
 def test_fine_survey_is_forecast_on_few_increments_and_timed_on_all():
     """The noise of a node does not depend on how many others there are; the minutes do."""
-    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (10, 80))
+    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (20, 80))
     first, second = forecast(coarse, USUAL), forecast(fine, USUAL)
     assert second.volumetric_um == pytest.approx(first.volumetric_um, rel=0.02)
     assert second.left_um.value_um < first.left_um.value_um
