@@ -90,14 +90,21 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     beam_offset: tuple[BeamOffset, ...] = ()
 
     @property
-    def all_setups(self) -> tuple[str, ...]:
-        """Return the setups in the order they are driven; shifted beams are named ``ppp+1``, ``ppp+2`` in their order."""
-        shifted = []
+    def offsets_mm(self) -> dict[str, Triple]:
+        """Return by name how far each setup lies from its usual line; those of one travel are named ``ppp+1``, ``ppp+2`` in their order."""
+        named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
         for offset in self.beam_offset:
             seen[offset.setup] = seen.get(offset.setup, 0) + 1
-            shifted.append(f"{offset.setup}+{seen[offset.setup]}")
-        return (*self.setups, *shifted)
+            named[f"{offset.setup}+{seen[offset.setup]}"] = offset.offset_mm
+        return named
+
+    @property
+    def all_setups(self) -> tuple[str, ...]:
+        """Return the setups in the order they are driven: what lies on another line follows what stands already."""
+        bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
+        named = [*self.setups, *self.offsets_mm]
+        return tuple(name for base in bases for name in named if name.partition("+")[0] == base)
 
     @property
     def passes_per_setup(self) -> int:
@@ -499,8 +506,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def planned(self) -> runs.Plan:
         """Return what is driven as the planner, the programs and the recording know it."""
-        plan = self.plan
-        offsets = dict(zip(plan.all_setups[len(plan.setups) :], (each.offset_mm for each in plan.beam_offset), strict=True))
+        plan, offsets = self.plan, self.plan.offsets_mm
         return runs.Plan(
             volume=self.volume,
             runs=tuple(
