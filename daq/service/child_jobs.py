@@ -14,7 +14,7 @@ from stepdiag.daq.records.status import Phase
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
 
-READINGS_ONLY = "--readings"
+READINGS_ONLY, CERTIFICATE_ONLY = "--readings", "--certificate"
 _log = structlog.get_logger("daemon")
 
 
@@ -22,7 +22,7 @@ _log = structlog.get_logger("daemon")
 class Commands:
     """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
 
-    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open.
+    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open, with `CERTIFICATE_ONLY` for a finished one.
     """
 
     completion: Sequence[str]
@@ -64,6 +64,10 @@ class Finisher:
         """Begin to write the readings of a survey that stays open; ``then`` is called when they are written, or cannot be."""
         self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
+    def certify(self, folder: Path, then: Callable[[], None]) -> None:
+        """Begin to write the certificate of a finished survey; ``then`` is called when it is written, or cannot be."""
+        self._begin(self._certify(folder, then), f"certificate {folder.name}")
+
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
         self.result = None
@@ -92,6 +96,12 @@ class Finisher:
         code, reason = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
         if code:
             _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(reason))
+        then()
+
+    async def _certify(self, folder: Path, then: Callable[[], None]) -> None:
+        code, self.message = await self._run(*self._commands.completion, CERTIFICATE_ONLY, str(folder))
+        if code:
+            _log.error("certificate-unwritten", folder=str(folder), exit_code=code, reason=str(self.message))
         then()
 
     async def _finish(self, folder: Path) -> None:

@@ -165,6 +165,12 @@ class DaemonStatusSource:
         given = {name: arguments.get(name, "") for name in ("reason", "name")}
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
 
+    def _certify(self, finisher: Finisher) -> None:
+        """Begin to write the certificate of the survey shown. Raises UsageError where it has no result."""
+        if finisher.result is None:
+            raise UsageError(message("where-certificate"), expected=message("expects-result"), found=message("none"))
+        finisher.certify(finisher.result.parent, self.news)
+
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
         _log.info(
@@ -181,18 +187,24 @@ class DaemonStatusSource:
                 session.close(message("closed-paused"))
                 working.paused = True
             case "abort-setup":
-                if not session.recording:
-                    raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
-                session.close(message("closed-aborted"))
+                _abort(session)
             case "choose-setup":
                 session.book.preferred = _planned(session, arguments.get("setup", ""))
             case "zero":
                 session.zero()
+            case "certificate":
+                self._certify(working.finisher)
             case "accept":
                 await self._accept(session, arguments)
             case "name":
                 session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def _abort(session: Session) -> None:
+    if not session.recording:
+        raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
+    session.close(message("closed-aborted"))
 
 
 def _idle(session: Session, setup: str) -> Message:

@@ -1,7 +1,7 @@
 """What a survey drives: the ordered stops of every pass, and where each pass begins its approach."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Vector, Volume
+from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
 """The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""
@@ -39,6 +40,8 @@ class Sequence:
     axis_orders: tuple[str, ...] = ()
     targets: int = 0
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    commission: bool = False
+    """Whether the first pass of a run of the 4-DOF head commissions it on its way (`jogs_at`)."""
 
     @property
     def plan(self) -> Plan:
@@ -80,6 +83,8 @@ class Pass:
     number: int
     approach_mm: tuple[float, float, float] | None
     stops: tuple[Stop, ...]
+    jogs: Mapping[int, tuple[Jog, ...]] = field(default_factory=dict)
+    """What is driven before the move to a stop."""
 
     @property
     def outward(self) -> bool:
@@ -103,6 +108,8 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     for number in _pass_numbers(sequence):
         stops = line_stops_mm(sequence, setup, number)
         passes.append(_pass(sequence, number, stops, count))
+        if sequence.commission and number == 1 and setup_of(setup).is_fourdof:
+            passes[0] = replace(passes[0], jogs=_jogs(stops, setup_of(setup).axis))
         count += len(stops)
     return tuple(passes)
 
@@ -112,7 +119,11 @@ def travel_mm(sequence: Sequence, setup: str) -> Vector:
     points = [
         point
         for each in passes_of(sequence, setup)
-        for point in (each.approach_mm, *(stop.position_mm for stop in each.stops))
+        for point in (
+            each.approach_mm,
+            *(stop.position_mm for stop in each.stops),
+            *(jog.position_mm for jogs in each.jogs.values() for jog in jogs),
+        )
         if point is not None
     ]
     return np.array([np.min(points, axis=0), np.max(points, axis=0)])
@@ -173,6 +184,12 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
             Stop(stop=index, count=count + index, axis=moved[index], position_mm=_triple(stops[index])) for index in range(len(stops))
         ),
     )
+
+
+def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
+    """Return the jogs by the stop before whose move they stand: those at the near end after its own, at the far end before it."""
+    near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
+    return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}
 
 
 def _triple(point: Vector) -> tuple[float, float, float]:

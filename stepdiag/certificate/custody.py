@@ -159,12 +159,20 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
     held = {}
     for link in links:
         role, name, sha = link
-        path = next((path for path, found in hashes.items() if found == sha and sha), None)
+        holding = [path for path, found in hashes.items() if found == sha and sha]
+        path = next((path for path in holding if path.name == name), None if _named_here_alone(role) else next(iter(holding), None))
+        if path is None and holding:
+            raise BrokenLinkError(message("custody-renamed", role=role, name=name, found=holding[0].name))
         if path is None:
             there = any(each.name == name for each in files)
             raise BrokenLinkError(message("custody-changed" if there else "custody-missing", role=role, name=name, sha256=sha or "–"))
         held[link] = path
     return held
+
+
+def _named_here_alone(role: str) -> bool:
+    """Return whether the certificate alone names a thing, so that its name is checked; the result names its own sources."""
+    return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
 
 
 def _hash(path: Path) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.cli.completion import PROGRAMS
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
 
 if TYPE_CHECKING:
@@ -138,6 +139,63 @@ def calibrate(
         return
     calibration_table(fits)
     typer.echo(f"written: {out}")
+
+
+@commands.command()
+def commission(
+    sources: Annotated[list[Path], typer.Argument(help="A survey file with a fourdof run (writes its program), or the logs of that run.")],
+    out: Annotated[Path, typer.Option(help="The folder for the program, or the calibration file to write; nothing is overwritten.")],
+    controller: Annotated[str | None, typer.Option(help=f"With a survey file: the control, {', '.join(PROGRAMS)}.")] = None,
+    profile: Annotated[Path | None, typer.Option(help="With a survey file: the machine's profile, for its section [program].")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="With logs: the file to start from; `stepdiag fourdof new` writes the first.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the head with the machine as its stage.
+
+    The program of a survey's fourdof run, with jogs of the other axes, a wobble at both ends and a dark beam; then, from its logs, the
+    calibration file.
+    """
+    if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
+        if controller is None or calibration is not None:
+            raise UsageError("fourdof commission", expected="--controller with a survey file, and no --calibration", found=sources[0].name)
+        _commission_program(sources[0], controller, profile, out)
+        return
+    if calibration is None or controller is not None or profile is not None:
+        raise UsageError("fourdof commission", expected="--calibration with logs, and no --controller or --profile", found=sources[0].name)
+    _commission_logs(sources, calibration, out, as_json=as_json)
+
+
+def _commission_program(file: Path, controller: str, profile: Path | None, out: Path) -> None:
+    from stepdiag.daemon.driving import programs_of
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.sets import write_set
+
+    programs, beside = programs_of(load_survey(file), controller, profile, commission=True)
+    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
+    for each in programs:
+        typer.echo(f"{each.setup:<12}{out / each.name}")
+    typer.echo(f"next: `stepdiag run {file.name}`, start the program, then `stepdiag fourdof commission LOGS --calibration NEW --out FILE`")
+
+
+def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json: bool) -> None:
+    from stepdiag.daq.replay import find_logs, replay
+    from stepdiag.fourdof.commission import commission as commissioned
+    from stepdiag.fourdof.stands import commissioning_run
+    from stepdiag.head.view import commission_table
+
+    seen = commissioning_run(replay(find_logs(logs)))
+    done = commissioned(seen.standings, read_calibration(calibration), seen.run, seen.axis, _today())
+    write_calibration(out, done.file)
+    if as_json:
+        table = done.file.uncertainty
+        fields = {name: {"value": value, "u": u} for name, value, u in zip(table.of, done.found.value.tolist(), table.u, strict=True)}
+        typer.echo(json.dumps({"fields": fields, "u_jog_um": done.found.u_jog_um, "stands": done.stands, "dark": done.dark}, indent=2))
+        return
+    commission_table(done)
+    typer.echo(f"written: {out}; next: name it in head.calibration of the survey file")
 
 
 @commands.command()

@@ -106,8 +106,10 @@ def concluded(result: "Result") -> list[str]:
     """Return the conclusion of a result alone, as lines of a terminal."""
     from stepdiag.conclusion import conclude, conclusion_document, titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
+    from stepdiag.terminal.viewer import viewers_language
 
-    return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
+    language = viewers_language()
+    return list(conclusion_lines(words_of(conclusion_document(conclude(result)), language), titles_of(language)))
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:

@@ -12,6 +12,7 @@ from rich.table import Table
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.daq.timing.samples import Flag, Samples
+from stepdiag.fourdof.commission import HeadCommissioned
 from stepdiag.fourdof.commissioning import Calibrated, Signed
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
@@ -93,6 +94,17 @@ def signs_lines(found: Signed) -> Iterator[str]:
     u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
     yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
     yield from finding_lines(found.findings)
+
+
+def commission_table(done: HeadCommissioned) -> None:
+    """Print one row a field that the commissioning found: its value and its U (k = 2)."""
+    table = Table(title="commissioned")
+    for heading in ("field", "value", "U"):
+        table.add_column(heading, justify="left" if heading == "field" else "right")
+    for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
+        table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
+    Console().print(table)
+    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} um (k = 2)")
 
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:

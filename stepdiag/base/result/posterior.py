@@ -19,6 +19,8 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
+NAMES = frozenset((*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z"))
+"""What differs from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
 """Numbers of it are written to this many decimals."""
 
@@ -100,6 +102,9 @@ def parse_posterior(root: Node) -> Posterior:
     root.only(("position_mm", "offset", "modes", "rest", "between_um", "sized"))
     root.child("position_mm").only("XYZ")
     positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
+    for part in ("offset", "modes", "rest", "between_um"):
+        if unknown := sorted(root.child(part).mapping().keys() - NAMES):
+            root.child(part).child(unknown[0]).refuse(", ".join(sorted(NAMES)))
     for axis, position in positions.items():
         if len(position) < 2 or np.any(np.diff(position) <= 0):
             root.child("position_mm").child(axis).refuse(message("two-ascending"))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.base.errors import UsageError
+from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.names import BODY_DIAGONALS, SETUP_NUMBERS
 from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
@@ -236,3 +236,41 @@ def test_a_machine_says_how_its_plc_is_told() -> None:
     ):
         with pytest.raises(UsageError, match=message):
             program_section(f"[program]\n{wrong}", "p.toml", "fanuc").signals(default_signals("fanuc"))
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("n", [1, 4])
+def test_a_run_that_commissions_the_head_jogs_at_both_ends_and_stops_where_it_did(control: str, n: int) -> None:
+    """Stops, counters and setup are those of the plain run; five places of each other axis, all come to from below, at both ends."""
+    plain = replace(PLAIN, volume=replace(VOLUME, increments=n), setups=("fourdof-y", "fourdof-x"))
+    before, after = (walks(replace(plain, commission=commission), control) for commission in (False, True))
+    for setup, axis in (("fourdof-x", 0), ("fourdof-y", 1)):
+        assert after[setup].stands == before[setup].stands
+        path = np.array(after[setup].path)
+        beside = np.round(path - np.array(VOLUME.origin_mm), 6)
+        others = [other for other in range(3) if other != axis]
+        for end in (0.0, VOLUME.size_mm[axis]):
+            here = beside[beside[:, axis] == end][:, others]
+            for across in range(2):
+                places = here[(here[:, 1 - across] == 0.0) & (here[:, across] != 0.0)][:, across]
+                assert places.tolist() == [-0.3, -0.15, 0.15, 0.3]
+        sideways = np.diff(beside[:, others], axis=0)
+        to_lead = (beside[1:, others] == -0.4).all(axis=1)
+        assert (sideways[~to_lead] >= 0.0).all()
+        assert np.count_nonzero(to_lead) == 6
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_the_operator_is_asked_to_wobble_twice_and_to_block_the_beam_once(control: str) -> None:
+    (program,) = nc_programs(replace(PLAIN, setups=("fourdof-z",), commission=True), control)
+    said = program.data.decode().lower()
+    assert [said.count(words) for words in ("wobble the pointing", "block the beam", "free the beam")] == [2, 1, 1]
+    (plain,) = nc_programs(replace(PLAIN, setups=("ppp",), commission=True), control)
+    assert plain.data == nc_programs(replace(PLAIN, setups=("ppp",)), control)[0].data
+
+
+def test_jogs_beyond_the_travel_are_refused() -> None:
+    limits = {"x": (-100.2, 500.0), "y": (-10.0, 500.0), "z": (-310.0, 10.0)}
+    nc_programs(replace(PLAIN, setups=("fourdof-y",)), "siemens", travel_mm=limits)
+    with pytest.raises(SafetyError, match=r"-100\.4"):
+        nc_programs(replace(PLAIN, setups=("fourdof-y",), commission=True), "siemens", travel_mm=limits)

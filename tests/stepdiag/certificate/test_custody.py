@@ -17,6 +17,7 @@ from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import parse_result
 from stepdiag.certificate import custody
 from stepdiag.certificate.custody import custody_of, parsed, verify_certificate
+from stepdiag.page.downloads import downloads_of
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
 from testkit.fleets import finished_survey
@@ -147,6 +148,8 @@ FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda f: altered(f / "c.xml", ">pass</dcc:conformity>", "></dcc:conformity>pass"),
         "custody-differs",
     ),
+    "a name of the result": (lambda f: altered(f / "c.xml", "<dcc:content>result.json<", "<dcc:content>pesult.json<"), "custody-renamed"),
+    "a name of a file": (lambda f: altered(f / "c.xml", "<dcc:content>table.ini<", "<dcc:content>other.ini<"), "custody-missing"),
     "a remark for people": (lambda f: altered(f / "c.xml", "<dcc:items>", "<dcc:items><!-- -->"), "custody-bytes"),
 }
 
@@ -348,6 +351,22 @@ def test_logs_are_solved_again(tmp_path: Path) -> None:
     for data in (whole[:-200], _flip(whole, len(whole) - 40), _flip(whole, data_end, 16), _flip(whole, data_end + 1, 4)):
         log.write_bytes(data)
         assert verdict(tmp_path) == "custody-changed"
+
+
+def test_certificate_of_a_finished_survey_is_written_beside_it(tmp_path: Path) -> None:
+    """What a person at the page asks for: report, exports and the laboratory's file are in it; a second one stands beside the first."""
+    folder = finished_survey(tmp_path)
+    (tmp_path / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
+    sha = hashlib.sha256((folder / "result.json").read_bytes()).hexdigest()
+    (folder / "report.html").write_text(f"SHA-256 {sha}", encoding="utf-8")
+    for name in ("certificate.xml", "certificate-2.xml"):
+        told = stepdiag("complete", "--certificate", folder)
+        assert told.code == 0, told.refusal
+        found = verify_certificate(folder / name, tmp_path)
+        assert (found.broken, found.links) == (None, 4)
+    assert [one.kind for one in downloads_of(folder) if one.name.startswith("certificate")] == ["certificate"] * 2
+    (folder / "report.html").write_text("another", encoding="utf-8")
+    assert stepdiag("complete", "--certificate", folder).code == 3
 
 
 def _flip(data: bytes, at: int, bits: int = 1) -> bytes:

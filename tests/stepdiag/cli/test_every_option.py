@@ -256,6 +256,10 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/service/test_opcua.py": ["--certificate", "--key", "--opcua", "--plain"],
         "stepdiag/publish/test_messages.py": ["--schema"],
     },
+    "fourdof commission": {
+        "system/recording/test_commission_head.py": ["--calibration", "--json"],
+        "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
+    },
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
     "service remove": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},

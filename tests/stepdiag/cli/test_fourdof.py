@@ -12,7 +12,8 @@ from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, 
 from stepdiag.fourdof.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.exact.heads import head_file, write_head_file
+from testkit.exact.heads import head_file, survey_section, write_head_file
+from testkit.timeline import survey_text
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))
@@ -97,6 +98,29 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
     assert file.measured["qd.x"].by == "fourdof calibrate"
     with pytest.raises(DataError, match=r"stability: qd.y: expected a field that a command measured"):
         fourdof("stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300)
+
+
+def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
+    """The run of the head and nothing else of the plan; the profile's signals and travel are the machine's own."""
+    (tmp_path / "survey.toml").write_text(
+        survey_text(size=(300.0, 300.0, 300.0), n=3, setups=("ppp", "fourdof-z"), signals=survey_section("/dev/null1"))
+    )
+    fourdof("new", "--id", "4D-001", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "head.toml")
+    (tmp_path / "mine.toml").write_text('[program]\nstand = "M70 (AT {count})"\n')
+    ours = ("--controller", "fanuc", "--profile", tmp_path / "mine.toml", "--out", tmp_path / "nc")
+    said = fourdof("commission", tmp_path / "survey.toml", *ours)
+    assert "next: `stepdiag run survey.toml`" in said
+    (program,) = (tmp_path / "nc").iterdir()
+    text = program.read_text()
+    assert text.count("(WOBBLE THE POINTING") == 2
+    assert "M70 (AT " in text
+    (tmp_path / "plain.toml").write_text(survey_text(setups=("ppp",), signals=survey_section("/dev/null1")))
+    with pytest.raises(UsageError, match="expected a run fourdof-x, fourdof-y or fourdof-z, found ppp"):
+        fourdof("commission", tmp_path / "plain.toml", "--controller", "fanuc", "--out", tmp_path / "none")
+    with pytest.raises(UsageError, match="--controller with a survey file"):
+        fourdof("commission", tmp_path / "survey.toml", "--out", tmp_path / "none")
+    with pytest.raises(UsageError, match="--calibration with logs"):
+        fourdof("commission", tmp_path / "0001.mcap", "--out", tmp_path / "made.toml")
 
 
 def test_a_detector_wrong_by_a_factor_of_two_is_refused_and_nothing_is_written(tmp_path):

@@ -243,7 +243,7 @@ class TestLine:
     @pytest.mark.parametrize(
         ("last", "u", "verdict", "english", "german"),
         [
-            (8.0, 0.5, "conform", "conform to its tolerance of 10 um", "konform mit der Toleranz von 10"),
+            (8.0, 0.5, "conform", "conform to its tolerance of 10 µm", "konform mit der Toleranz von 10"),
             (9.5, 0.5, "not_decidable", "not decidable", "nicht entscheidbar"),
             (8.0, None, "not_decidable", "not decidable", "nicht entscheidbar"),
             (12.0, 0.5, "not_conform", "not conform, outside", "nicht konform, außerhalb"),

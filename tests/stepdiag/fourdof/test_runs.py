@@ -9,7 +9,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.head_file import CrosstalkTable, DetectorTable, HeadIdentity, LeverTable, LightTable, render_head_file
-from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles
+from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles, over_passes, with_ends
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
 from stepdiag.virtual.bench.config import load_config
@@ -247,3 +247,45 @@ def test_what_is_uncertain_of_the_levers_slope_counts_far_from_where_it_was_foun
     assert far[0] == pytest.approx(near[0], rel=0.01)
     # 0.05 of 600 mm are 30 mm of lever; times some ten urad of drift
     assert far[-1] > near[-1] + 0.05
+
+
+def noisy_days(bow_um=0.0, passes=10, noise_urad=0.5):
+    """Straightness of X seen in so many outward passes of one head; the second half with a bow."""
+    wanted = survey()
+    book = PassBook(wanted)
+    rng = np.random.default_rng(3)
+    stops = [stop for each in captured(wanted)[0] for stop in each.chosen().values() if stop.setup == "fourdof-x" and stop.outward]
+    way = np.linspace(0.0, 1.0, len(stops))
+    for number in range(passes):
+        for stop, at in zip(stops, way, strict=True):
+            drawn = rng.normal(0.0, noise_urad * 1e-6 * 150.0 / 2.0 * 1e6, 2)
+            bent = 4.0 * bow_um * at * (1.0 - at) * (number >= passes // 2) * 2.0 / 1414.2 * 1e6 * 2.0 / np.sqrt(np.pi)
+            channels = np.array(stop.channels) + np.array([bent, 0, 0, *drawn, 0, 0, 0, 0])
+            u = (*stop.u_channels[:3], *np.full(2, noise_urad * 75.0), *stop.u_channels[5:])
+            book.add(msgspec.structs.replace(stop, channels=tuple(channels.tolist()), u_channels=u, time_s=stop.time_s + 1000.0 * number))
+    return wanted, book.passes
+
+
+def test_ten_passes_lower_the_uncertainty_but_not_what_they_share():
+    u = {}
+    for passes in (1, 10):
+        wanted, driven = noisy_days(passes=passes)
+        found = evaluate_head(wanted, driven, FILES, {})
+        (one,) = [one for one in over_passes(found) if one.name == "EYX"]
+        u[passes] = one.u_um[3], found.angles["ECX"].u_urad[3]
+    assert u[10][0] < 0.75 * u[1][0]
+    # the curve of the QD, 0.5 um of the spot, is in every pass
+    assert u[10][0] > 0.25
+
+
+def test_two_days_that_differ_by_a_bow_are_named():
+    wanted, driven = noisy_days(bow_um=10.0, passes=2)
+    named = [one for one in evaluate_head(wanted, driven, FILES, {}).findings if one.code == "straightness-misclosure"]
+    assert [one.text[:26] for one in named] == ["EYX: passes 1 and 3 of the"]
+    wanted, driven = noisy_days(passes=4)
+    assert evaluate_head(wanted, driven, FILES, {}).findings == ()
+
+
+def test_the_ends_of_the_line_are_in_the_uncertainty_between_them():
+    """Independent u of 1 um everywhere: in the middle the line adds a half (JCGM 100, 5.1.2)."""
+    assert with_ends(np.linspace(0.0, 4.0, 5), np.ones(5)) == pytest.approx([1.0, np.sqrt(1.625), np.sqrt(1.5), np.sqrt(1.625), 1.0])

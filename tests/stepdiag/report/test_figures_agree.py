@@ -12,6 +12,7 @@ from stepdiag.certificate.figures import figures_of
 from stepdiag.conclusion import conclude, conclusion_document, words_of
 from stepdiag.report.certificate import effect_table
 from stepdiag.report.sections import scale_table, squareness_table
+from stepdiag.terminal.tables import quantity_table
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue, localised
 from testkit.exact.madeup import made_up_result
 
@@ -39,6 +40,8 @@ def test_every_printed_figure_agrees(values: list[float], u: float, tolerance: f
         if scale.value is not None and scale.u is not None:
             printed = with_expanded(scale.value, 2.0 * scale.u).replace("-", "−")
             assert [" ± ".join(row[1:3]) for row in scale_table(result, words).rows].count(printed) >= 1
+    terminal = quantity_table(result)
+    assert [next(iter(column.cells)).replace("-", "−") for column in terminal.columns[1:3]] == [value, expanded]
     in_si = {one.name: one for one in figures_of(result)}["C0Y"]
     ascii_value = value.replace("−", "-")
     assert abs(float(in_si.values[0]) * 1e6 - float(ascii_value)) <= 0.5000001 * 10.0 ** -len(ascii_value.partition(".")[2])

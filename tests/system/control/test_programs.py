@@ -61,3 +61,23 @@ class TestPrograms:
             control.on_state = answer
             control.run(program)
         assert answered == [1, 2]
+
+    def test_the_head_is_commissioned_at_the_places_of_the_program(self, control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The control stands at five places of each other axis at both ends without a word to the PLC, and at the run's stops with one."""
+        for name, seconds in (("JOG_S", 0.4), ("WOBBLE_S", 0.6), ("DARK_S", 0.4)):
+            monkeypatch.setattr(f"stepdiag.exporters.programs.jogs.{name}", seconds)
+        sequence = replace(SWIFT, setups=("fourdof-x",), return_pass=False, commission=True)
+        (program,) = nc_programs(sequence, "linuxcnc")
+        stood: dict[tuple[float, ...], list[int]] = {}
+
+        def watch(state: State) -> None:
+            if state.in_position and not state.stopped and state.setup == 21:
+                stood.setdefault(tuple(np.round(state.commanded_mm, 4)), []).append(state.time_ns)
+
+        control.on_state = watch
+        control.run(program.data)
+        places = {place for place, times in stood.items() if times[-1] - times[0] > 250_000_000}
+        for x in (-200.0, 200.0):
+            wanted = {(x, -100.0 + beside, -150.0) for beside in (-0.3, -0.15, 0.0, 0.15, 0.3)}
+            wanted |= {(x, -100.0, -150.0 + beside) for beside in (-0.3, -0.15, 0.15, 0.3)}
+            assert {tuple(np.round(place, 4)) for place in wanted} <= places
