@@ -14,7 +14,7 @@ from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.place.route import Route, agrees, make_route
+from stepdiag.daq.capture.place.route import Route, agrees, route_of
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -62,7 +62,8 @@ class ByLaser:
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
         self._setup = next(iter(start.hints))
-        self._routes = {way: make_route(survey.volume, self._setup, survey.axis_order, outward=way) for way in (True, False)}
+        out, back = start.hints[self._setup].numbers
+        self._routes = {True: route_of(survey.planned, self._setup, out), False: route_of(survey.planned, self._setup, back)}
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9

@@ -21,7 +21,7 @@ from stepdiag.base.disk.system import lock
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import Way, Words, message, message_of
-from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import DRIVEN_SETUPS
 from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
@@ -36,7 +36,7 @@ from stepdiag.daq.replay import begun_logs
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
 """The year 2100: a time beyond is none of a recorder."""
-_SETUP = re.compile(rf"(?:{'|'.join(SETUP_NUMBERS.values())})(?:\+[1-9][0-9]{{0,3}})?")
+_SETUP = re.compile(rf"(?:{'|'.join(DRIVEN_SETUPS)})(?:\+[1-9][0-9]{{0,3}})?")
 
 _log = structlog.get_logger("rounds")
 

@@ -13,8 +13,7 @@ import msgspec
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import Message, Words, message
-from stepdiag.base.names import SETUP_NUMBERS
-from stepdiag.base.setups import setup_of
+from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
@@ -312,8 +311,7 @@ class Session:
         """Tell whether a pass is still wanted of the setup that the machine names."""
         if setup is None:
             return not self.book.complete()
-        base = SETUP_NUMBERS.get(setup)
-        return any(self.book.open_passes(name) for name in self.survey.plan.all_setups if setup_of(name).base == base)
+        return any(self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups))
 
     def _remember(self, event: Event) -> None:
         self._before.append(event)

@@ -8,10 +8,10 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS
-from stepdiag.base.setups import setup_of
+from stepdiag.base.names import AXES
+from stepdiag.base.setups import CODED_FROM, setup_code, setup_of
 from stepdiag.exporters.programs.jogs import Jog
-from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
+from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, travel_mm
 from stepdiag.exporters.programs.signals import Signals
 
 
@@ -27,7 +27,7 @@ class Job:
     @property
     def register(self) -> int:
         """Return the number shown in the PLC's setup register."""
-        return setup_number(self.setup)
+        return setup_code(self.setup, self.sequence.setups)
 
     @property
     def base(self) -> str:
@@ -41,7 +41,9 @@ class Job:
 
     @property
     def program_number(self) -> int:
-        """Return 8000 + the setup number; each beam offset adds a hundred."""
+        """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the k-th setup of the plan."""
+        if self.register > CODED_FROM:
+            return 7000 + self.register - CODED_FROM
         return 8000 + self.register + 100 * setup_of(self.setup).shift
 
 
@@ -114,7 +116,8 @@ class Dialect(ABC):
     def _header(self, job: Job) -> Iterator[str]:
         sequence = job.sequence
         low, high = travel_mm(sequence, job.setup)
-        order = f", axis order {sequence.axis_order}" if job.base in BODY_DIAGONALS else ""
+        orders = " ".join(dict.fromkeys(sequence.axis_orders or (sequence.axis_order,)))
+        order = f", axis order {orders}" if setup_of(job.setup).kind in ("step", "face") else ""
         yield f"stepdiag survey {_ascii(sequence.name)}: setup {_spoken(job.setup)}{order}"
         yield f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} mm/min, dwell {plain(sequence.dwell_s)} s"
         yield "machine coordinates, travel in mm with overrun:"

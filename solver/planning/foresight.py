@@ -40,8 +40,7 @@ class Foresight:
     """What a survey will state, from the information of its setups (`solver.planning.information`); each figure when it is first asked for.
 
     Every function starts from what is usual, so that a further run can only help.
-    ``increments`` is how fine the survey is: the layout may be a coarser one of the same runs, for the uncertainty at a node hardly
-    depends on how many others there are.
+    ``increments`` is how fine the survey is: the layout may be a coarser one of the same runs.
     """
 
     layout: Layout

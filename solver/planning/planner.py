@@ -27,8 +27,9 @@ WORTH = 0.95
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
 """Times for which surveys are sought: each so much longer than the one before."""
-MAX_INCREMENTS = 10
-"""Finer surveys are forecast on this many increments: the uncertainty at a node hardly depends on how many others there are."""
+MAX_INCREMENTS = 20
+"""Finer surveys are forecast on this many increments: angular functions have no more waves then (`effects.MOST_WAVES`), and the uncertainty
+at a node hardly depends on how many others there are."""
 HALVINGS = 2
 """Of the time between a survey that reaches the target and a shorter one that does not."""
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)

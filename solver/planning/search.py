@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 from stepdiag.base.readings.runs import Plan, Run, perfect_readings, run_minutes, setup_minutes
 from stepdiag.base.result.result import AXIS_LETTERS
-from stepdiag.base.setups import DRIVEN_SETUPS, setup_of
+from stepdiag.base.setups import DRIVEN_SETUPS, FACE_DIAGONALS, setup_of
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.families import hidden_factors
 from stepdiag.solver.model.layout import lay_out
@@ -29,9 +29,10 @@ from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.foresight import Foresight, bent_um
 from stepdiag.solver.planning.information import inverse
 
-COARSE = 6
-INCREMENTS = (8, 10, 12, 16, 20)
-ORDERS: tuple[str, ...] = ()
+COARSE, MIDDLE = 6, 10
+INCREMENTS = range(8, 21)
+"""Numbers of increments on offer; fewer leave too much between the targets, more gain nothing."""
+ORDERS = ("xyz", "yzx", "zxy")
 """Of repeats in turn: alternating costs nothing and tells more of the angles (theory 5.2)."""
 LEAST_MISSED = 6
 """So many lines, those that are missed least, are tried without in each exchange."""
@@ -62,14 +63,21 @@ EVERY_WAY = tuple(
 
 
 def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
-    """Return every line that may be driven, once and one way: body diagonals and their shifts, runs along the first edges, those of the
-    head where there is one."""
+    """Return every line that may be driven, once and one way: body diagonals and their shifts, face diagonals at the low end, in the middle
+    and at the high end of the axis that stands, runs along all four edges; those of the head where there is one."""
+    size = np.array(survey.volume.size_mm)
     lines: list[tuple[str, tuple[float, float, float]]] = []
     for name in BODY_DIAGONALS:
         lines += [(name, shift) for shift in ((0.0, 0.0, 0.0), *_shifts(about))]
-    lines += [(name, (0.0, 0.0, 0.0)) for name in (*LINEAR_RUNS, *(FOURDOF_RUNS if about.head else ()))]
+    for name in FACE_DIAGONALS:
+        stands = np.array(setup_of(name).signs) == 0
+        lines += [(name, _triple(share * size * stands)) for share in (0.0, 0.5, 1.0)]
+    for name in LINEAR_RUNS:
+        first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
+        lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
+    lines += [(name, (0.0, 0.0, 0.0)) for name in (FOURDOF_RUNS if about.head else ())]
     targets = max((run.targets for run in survey.runs), default=0)
-    runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets * (name in LINEAR_RUNS)) for name, offset in lines]
+    runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets) for name, offset in lines]
     return tuple(dict.fromkeys(run for run in runs if _travels(survey.volume, run)))
 
 
@@ -212,6 +220,15 @@ class Exchange:
         return next((choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min), ())
 
 
+def _increments(survey: Plan, about: Circumstances) -> list[int]:
+    """Return how finely the volume may be cut: into steps of whole micrometres, as programs state them, that are in step with no screw
+    where its runs have no targets of their own. Where no number fulfils both, the first; where none does that, what is planned."""
+    size = np.array(survey.volume.size_mm)
+    whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
+    own = any(run.targets for run in survey.runs)
+    return [n for n in whole if own or n not in about.in_step] or whole or [survey.volume.increments]
+
+
 class Search:
     """The best surveys of a volume: each time that is asked for starts from the best of the plain lines and from the survey found
     before."""
@@ -220,8 +237,8 @@ class Search:
         self._survey, self._about = survey, about
         self.lines = offered(survey, about)
         self._made: dict[Ways, Exchange] = {}
-        allowed = [increments for increments in INCREMENTS if increments not in about.in_step] or [survey.volume.increments]
-        self._middle, self._finest = allowed[len(allowed) // 3], allowed[-1]
+        allowed = _increments(survey, about)
+        self._middle, self._finest = min(allowed, key=lambda n: abs(n - MIDDLE)), allowed[-1]
         self._before: tuple[Sequence[int], Ways] = ((), EVERY_WAY[0])
 
     def driven(self, ways: Ways) -> Exchange:

@@ -27,6 +27,9 @@ ROUNDING_MM = 1e-6
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
 """Of the distance between even targets, to either side; and how close even targets may be."""
 
+IN_STEP = 0.05
+"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
+
 POINTS = 350
 """Of `anywhere_mm`."""
 
@@ -144,6 +147,12 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
     between = volume.origin_mm[axis] + (number + beside)[inner] * step_mm / parts
     targets: Vector = np.sort(np.concatenate([nodes, np.round(between, 2)]))
     return targets
+
+
+def in_step(step_mm: float, pitch_mm: float) -> bool:
+    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
+    turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
+    return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:

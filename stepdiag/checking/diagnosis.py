@@ -9,6 +9,7 @@ from stepdiag.base.conditions.air import HALL
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import CODED_FROM
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
@@ -164,9 +165,9 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
             words = message("signals-absent.implausible", name=name, value=value, place=describe(spec), type=spec.type, order=spec.order)
             yield finding("warning", words)
     setup = machine.signals.setup
-    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS:
-        words = message("signals-absent.setup-number", setup=setup, known=[str(number) for number in SETUP_NUMBERS])
-        yield finding("warning", words)
+    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS and setup <= CODED_FROM:
+        known = [*map(str, SETUP_NUMBERS), f"{CODED_FROM} + k"]
+        yield finding("warning", message("signals-absent.setup-number", setup=setup, known=known))
     for name, lost in WITHOUT.items():
         if name not in plc.signal_names and name not in air:
             yield finding("info", lost, code="signals-absent")

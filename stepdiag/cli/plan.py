@@ -39,14 +39,14 @@ def plan(
 
     Before the machine moves; names the surveys that are worth their time.
     """
-    from stepdiag.completion.foreseen import circumstances, planned
+    from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
             raise UsageError(name, expected="a number above 0", found=f"{value:g}")
     survey = load_survey(file)
-    advice = _advise(planned(survey), circumstances(survey, file.parent), minutes, target_um)
+    advice = _advise(survey.planned, circumstances(survey, file.parent), minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
     if as_json:
@@ -101,6 +101,7 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         setups=tuple(run.setup for run in plan.runs if run not in shifted),
         repeats=max(run.repeats for run in plan.runs),
         return_pass=any(run.return_pass for run in plan.runs),
+        axis_orders=next((run.axis_orders for run in plan.runs if run.axis_orders), ()),
         beam_offset=offsets,
     )
 
@@ -143,7 +144,8 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
     return {
         "increments": forecast.plan.volume.increments,
-        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
+        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm,
+                  "axis_orders": list(run.axis_orders), "targets": run.targets}
                  for run in forecast.plan.runs],
         "minutes": forecast.minutes,
         "left_um": written(forecast.left_um),

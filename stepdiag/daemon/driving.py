@@ -51,4 +51,7 @@ def sequence_of(survey: Survey) -> Sequence:
         dwell_s=plan.dwell_s,
         overrun_mm=plan.overrun_mm,
         handshake=survey.plc.handshake.enabled,
+        axis_orders=plan.axis_orders,
+        targets=plan.targets,
+        beam_offset_mm={run.setup: run.beam_offset_mm for run in survey.planned.runs},
     )

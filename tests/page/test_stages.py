@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from stepdiag.base.messages import Place
 from stepdiag.base.messages import message as say
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
@@ -140,7 +141,7 @@ def test_every_field_of_a_snapshot_is_told_once() -> None:
 @pytest.mark.parametrize("outward", [True, False])
 def test_the_route_drawn_is_the_route_driven(order: str, outward: bool) -> None:
     """Whatever order the axes move in, and on the way back: the page draws the recording's own route."""
-    drawn = geometry(VOLUME, order, (), "npp", outward=outward)
+    drawn = geometry(Plan(volume=VOLUME, runs=(Run(setup="npp"),), axis_order=order), (), "npp", 1 if outward else 2)
     assert [list(one) for one in drawn.route_mm] == make_route(VOLUME, "npp", order, outward=outward).stops_mm.tolist()
     lengths = sorted(float(np.linalg.norm(np.subtract(*edge))) for edge in drawn.edges_mm)
     assert lengths == sorted([*VOLUME.size_mm] * 4)

@@ -8,7 +8,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import CONDITIONS, needed_conditions
-from stepdiag.daq.capture.place.route import agrees, make_route
+from stepdiag.daq.capture.place.route import agrees, route_of
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 
@@ -96,6 +96,6 @@ def _alike(survey: Survey) -> list[str]:
     """Return the axes whose steps along a diagonal are the same for the laser."""
     if not _diagonals(survey):
         return []
-    route = make_route(survey.volume, _diagonals(survey)[0], survey.axis_order, outward=True)
+    route = route_of(survey.planned, _diagonals(survey)[0], 1)
     steps = {route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1]) for stop in (1, 2, 3)}
     return [axis for axis, step in steps.items() if any(agrees(step, other) for name, other in steps.items() if name != axis)]

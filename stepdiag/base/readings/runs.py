@@ -83,11 +83,8 @@ class Plan:
         return replace(self, runs=tuple(runs))
 
     def run_of(self, setup: str) -> Run:
-        """Return the run of a setup. Raises ``UsageError`` for one that the plan does not have."""
-        found = next((run for run in self.runs if run.setup == setup), None)
-        if found is None:
-            raise UsageError("plan.setups", expected=message("one-of", names=[run.setup for run in self.runs]), found=repr(setup))
-        return found
+        """Return the run of a setup; one that is not planned goes along its usual line. Raises ``UsageError`` for a name that is none."""
+        return next((run for run in self.runs if run.setup == setup), Run(setup=setup))
 
 
 def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
@@ -171,8 +168,15 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     )
 
 
+def beam_mm(plan: Plan, run: Run) -> Vector:
+    """Return a point of the beam line of a run, shape (3,): where its first stop would be on the usual line, and beside it."""
+    usual = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0]
+    beam: Vector = usual + np.array(run.beam_offset_mm)
+    return beam
+
+
 def _passes(plan: Plan, run: Run) -> Sequence[tuple[Run, int, Vector, Vector]]:
-    beam = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0] + np.array(run.beam_offset_mm)
+    beam = beam_mm(plan, run)
     return [(run, number, run_stops_mm(plan, run, number), beam) for number in run.pass_numbers]
 
 

@@ -15,6 +15,7 @@ from structlog.contextvars import get_contextvars
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.volume import diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
@@ -94,8 +95,9 @@ class PlayedSurvey:
         self.snapshots_taken += 1
         now = time.monotonic()
         links = {name: self._link(name, now - heard) for name, heard in self._heard.items()}
-        outward = self.fields.get("expects_pass", 1) % 2 == 1
-        drawn = geometry(VOLUME, "xyz", self.fields["setups"], self.fields["expects_setup"], outward=outward)
+        setups, expects = self.fields["setups"], self.fields["expects_setup"]
+        runs = tuple(Run(setup=name) for name in dict.fromkeys((*(one.name for one in setups), expects)) if name)
+        drawn = geometry(Plan(volume=VOLUME, runs=runs), setups, expects, self.fields.get("expects_pass", 1))
         fields = {"strip": self._strip(now), **self.fields}
         return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **fields)
 

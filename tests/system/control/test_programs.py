@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.setups import setup_code
 from stepdiag.base.volume import Volume
-from stepdiag.exporters.programs import Sequence, nc_programs, passes_of, setup_number
+from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
 from testkit.linuxcnc.rig import Control, State, linuxcnc
 from testkit.linuxcnc.standing import stands
 
@@ -35,7 +36,7 @@ class TestPrograms:
             driven = stands(control, program.data)
             wanted = [stop for each in passes_of(sequence, program.setup) for stop in each.stops]
             assert [state.count for state in driven] == [stop.count for stop in wanted]
-            assert {state.setup for state in driven} == {setup_number(program.setup)}
+            assert {state.setup for state in driven} == {setup_code(program.setup, SWIFT.setups)}
             assert all(state.in_position for state in driven)
             positions = [stop.position_mm for stop in wanted]
             np.testing.assert_allclose([state.commanded_mm for state in driven], positions, rtol=0, atol=1e-6)
