@@ -366,7 +366,8 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
     for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
         typer.echo(shown(message("labelled", name=kind, what=law.words)))
     for each in found.judgements:
-        typer.echo(f"{'' if each.harmless else shown(message('mark-wrong')) + ' '}{each.code}: {shown(each.words)}")
+        mark = "" if each.harmless else shown(message("mark-wrong")) + " "
+        typer.echo(f"{mark}{each.code}: {shown(each.words)}")
     for line in finding_lines(found.findings):
         typer.echo(line)
     Console().print(effect_table(found.prediction))
@@ -379,4 +380,5 @@ def _caution(measured: "Result", prediction: "Prediction") -> None:
     if unknown:
         typer.echo(shown(message("not-in-figures", names=unknown)))
     if prediction.worse:
-        typer.echo(f"{shown(message('mark-warning'))} worse-after: {shown(message('errs-more'))}")
+        mark, what = message("mark-warning"), message("errs-more")
+        typer.echo(f"{shown(mark)} worse-after: {shown(what)}")

@@ -113,7 +113,7 @@ class TestQuickLook:
         report = export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
         stems = {"AX_EEC": "INI", "NC_CEC": "INI", "LOAD_EEC": "MPF", "LOAD_CEC": "MPF"}
         wanted = {f"{stem}{suffix}.{end}" for stem, end in stems.items() for suffix in ("_UNTESTED_SIGN", "_RESTORE")}
-        assert set(report.files) == wanted | {"EXPORT_REPORT.txt", "SHA256SUMS"}
+        assert set(report.files) == wanted | {"READ_BACK.MPF", "EXPORT_REPORT.txt", "SHA256SUMS"}
         assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
         for line in (tmp_path / "SHA256SUMS").read_text(encoding="ascii").splitlines():
             digest, _, name = line.partition("  ")

@@ -155,7 +155,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         },
     ),
     "info": (["info", "0001/0001.mcap"], {"--json": ["--json"]}),
-    "complete": (["complete", "0001"], {"--readings": ["--readings"]}),
+    "complete": (["complete", "0001"], {"--readings": ["--readings"], "--certificate": ["--certificate"]}),
     "trend": (
         ["trend", "store"],
         {
