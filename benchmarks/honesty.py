@@ -8,7 +8,7 @@ together instead: a class by itself cannot tell an interval that is too wide fro
 
 ``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
 (`benchmarks.false_alarms`); without options this table follows the other one, and what `trend` and `compare` report of machines over years
-(`benchmarks.fates`) follows both, then how often a wrong table is taken for right (`benchmarks.wrong_tables`), and the 4-DOF heads
+(`benchmarks.fates`) follows both, and the 4-DOF heads
 (`benchmarks.heads`).
 """
 
@@ -241,10 +241,9 @@ def main() -> None:
         alarms = false_alarms.FIRST_SEED if options.first is None else options.first
         false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms, large=options.large)
     if options.false_alarms is None and not (options.mixed or options.case):
-        from benchmarks import fates, heads, wrong_tables
+        from benchmarks import fates, heads
 
         fates.print_table(fates.rows(fates.MACHINES))
-        wrong_tables.print_rates(wrong_tables.MACHINES)
         heads.print_table(heads.SEEDS)
 
 

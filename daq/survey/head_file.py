@@ -264,5 +264,7 @@ def _table(name: str, table: msgspec.Struct | None) -> list[str]:
 def _value(value: object) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(map(_value, value)) + "]"
-    # a JSON text is a TOML text, but for DEL; and repr gives a float all its digits
+    if isinstance(value, float):
+        return repr(float(value))  # all its digits; numpy writes its own name before those of its floats
+    # a JSON text is a TOML text, but for DEL
     return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)

@@ -1,6 +1,7 @@
 """The calibration file of a head: the same bytes back, fields refused by name, never another head's."""
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -161,3 +162,11 @@ def test_what_the_reader_refuses_is_never_written(tmp_path, changes):
 def test_uncertainties_and_correlations_make_a_covariance():
     table = UncertaintyTable(of=("a", "b", "c"), u=(1.0, 2.0, 3.0), correlation=(0.5, 0.0, -1.0))
     assert table.covariance().tolist() == [[1.0, 1.0, 0.0], [1.0, 4.0, -6.0], [0.0, -6.0, 9.0]]
+
+
+def test_floats_of_numpy_are_written_as_numbers():
+    """One distance gives the slope's share a float of numpy, whose repr names its type: `signs` refused to write it."""
+    file = head_file()
+    lever = msgspec.structs.replace(file.lever, scale=np.float64(1.0), u_mm=np.float64(0.25), u_scale=np.float64(0.05) / 3**0.5)
+    again = parse_head_file(render_head_file(msgspec.structs.replace(file, lever=lever)).encode(), "head.toml")
+    assert again.lever == lever

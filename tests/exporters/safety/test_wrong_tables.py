@@ -1,6 +1,6 @@
 """Tables are spoiled in every way in which they are wrong in practice: none passes, and a repeated survey refuses few right ones."""
 
-from benchmarks.wrong_tables import counted
+from testkit.rates.wrong_tables import counted
 
 
 def test_no_spoiled_table_is_taken_for_right() -> None:

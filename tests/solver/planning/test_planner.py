@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import designs
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
@@ -24,6 +23,7 @@ from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
 from stepdiag.solver.planning.search import EVERY_WAY, Exchange
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
+from testkit.rates import designs
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
 DIAGONALS = tuple(Run(setup=name, return_pass=False) for name in BODY_DIAGONALS)
