@@ -1,4 +1,7 @@
-"""Do surveys that the planner proposes leave of exact machines what is forecast? ``PYTHONPATH=tests/lib python -m benchmarks.designs [MACHINES]``"""
+"""Do surveys that the planner proposes leave of exact machines what is forecast?
+
+``PYTHONPATH=tests/lib python -m benchmarks.designs [MACHINES]``
+"""
 
 import sys
 

@@ -8,8 +8,7 @@ together instead: a class by itself cannot tell an interval that is too wide fro
 
 ``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
 (`benchmarks.false_alarms`); without options this table follows the other one, and what `trend` and `compare` report of machines over years
-(`benchmarks.fates`) follows both, and the 4-DOF heads
-(`benchmarks.heads`).
+(`benchmarks.fates`) follows both, and the 4-DOF heads (`benchmarks.heads`) come last.
 """
 
 import argparse
