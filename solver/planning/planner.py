@@ -15,7 +15,6 @@ from stepdiag.base.names import FOURDOF_RUNS
 from stepdiag.base.readings.runs import Plan, Run, perfect_readings, plan_minutes
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
-from stepdiag.base.setups import setup_of
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.foresight import Foresight
@@ -189,16 +188,5 @@ def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
     coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
     layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan", coarse.volume)
-    return Forecast(plan=survey, layout=layout, about=about, assumed=_with_head(survey, about))
-
-
-def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
-    """Return the assumptions with pitch and yaw of every axis that the head measures known to its uncertainty."""
-    angles = dict(about.assumed.angle_urad)
-    for run in survey.runs:
-        if run.is_fourdof:
-            axis = setup_of(run.setup).axis.upper()
-            roll = f"E{'ABC'[AXIS_LETTERS.index(axis)]}{axis}"
-            measured = [name for name in ROTATIONS if name[2] == axis and name != roll]
-            angles |= {name: min(2.0 * about.head_u_urad, about.assumed.angle_range_urad(name)) for name in measured}
-    return replace(about.assumed, angle_urad=angles)
+    angles = {**about.assumed.angle_urad, **about.head_ranges_urad(survey.runs)}
+    return Forecast(plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles))

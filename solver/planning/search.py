@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 from stepdiag.base.readings.runs import Plan, Run, perfect_readings, run_minutes, setup_minutes
-from stepdiag.base.result.result import AXIS_LETTERS
 from stepdiag.base.setups import DRIVEN_SETUPS, FACE_DIAGONALS, setup_of
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.families import hidden_factors
@@ -168,7 +167,7 @@ class Exchange:
     def _covariance(self, chosen: Sequence[int]) -> Vector:
         some = list(chosen)
         precision = self._usual + np.sum(self._each[some], axis=0)
-        measured = [self.lines[place].travel.axis.upper() for place in some if self._head[place]]
+        measured = [self.lines[place] for place in some if self._head[place]]
         return inverse(precision + np.diag(_known_angles(self._ahead, self._about, measured)) if measured else precision)
 
     def square_um2(self, chosen: Sequence[int]) -> float:
@@ -270,12 +269,12 @@ class Search:
             yield self.driven(best).square_um2(chosen) + self.driven(best).beside_um2(increments), chosen, best, increments
 
 
-def _known_angles(ahead: Foresight, about: Circumstances, axes: Sequence[str]) -> Vector:
-    """Return the precision that pitch and yaw of axes have from a head beside what is usual, by unknown."""
+def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
+    """Return the precision that runs of a head give pitch and yaw beside what is usual, by unknown."""
     shapes, added = ahead.told.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
+    known = about.head_ranges_urad(runs)
     for name in shapes.names:
-        if name[2] in axes and name[1] != "ABC"[AXIS_LETTERS.index(name[2])]:
-            share = min(2.0 * about.head_u_urad / shapes.range_of(name), 1.0)
-            added[first + shapes.causes_of(name)] = 1.0 / share**2 - 1.0
+        if name in known:
+            added[first + shapes.causes_of(name)] = (shapes.range_of(name) / known[name]) ** 2 - 1.0
     return added
