@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.base.messages import message
-from stepdiag.terminal.viewer import shown, viewers_language
+from stepdiag.terminal.viewer import shown
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -130,11 +130,11 @@ def _concluded(found: "Standing") -> list[str]:
 
 def concluded_in(folder: Path) -> list[str]:
     """Return the conclusion that stands in a survey's folder, as lines; none before there is one."""
-    from stepdiag.conclusion import conclusion_in, titles_of, words_of
-    from stepdiag.terminal.tables import conclusion_lines
+    from stepdiag.cli.solve import in_lines
+    from stepdiag.conclusion import conclusion_in
 
-    document, language = conclusion_in(folder), viewers_language()
-    return [] if document is None else list(conclusion_lines(words_of(document, language), titles_of(language)))
+    document = conclusion_in(folder)
+    return [] if document is None else in_lines(document)
 
 
 def _table(found: "Standing") -> "Table":

@@ -18,7 +18,7 @@ except ImportError:  # Windows
 LINUX = sys.platform == "linux"
 NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 """How a new file is opened whose bytes are written as they are: without O_BINARY Windows puts a return before each line feed."""
-_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
+_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
 FOLDERS_OPEN = hasattr(os, "O_DIRECTORY")
 """Whether this system opens folders, to lock them and to have their names on the disk."""
 
@@ -31,7 +31,7 @@ def sync_file(descriptor: int) -> None:
 def sync_folder(folder: Path) -> None:
     """Have the names in a folder on the disk. Raises OSError. Windows opens no folder: there the file system's journal has to do."""
     if FOLDERS_OPEN:
-        handle = os.open(folder, _FOLDER & ~getattr(os, "O_NOFOLLOW", 0))
+        handle = os.open(folder, _FOLDER)
         try:
             os.fsync(handle)
         finally:
@@ -50,7 +50,7 @@ def lock(descriptor: int, *, shared: bool = False) -> None:
 
 def open_folder(folder: Path) -> int:
     """Return a descriptor of a folder, of no link to one. Raises OSError, as Windows does for every folder."""
-    return os.open(folder, _FOLDER)
+    return os.open(folder, _FOLDER | getattr(os, "O_NOFOLLOW", 0))
 
 
 def nice(steps: int) -> None:
