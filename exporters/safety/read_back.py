@@ -60,11 +60,12 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
             raise
         unfit = finding("error", message("read-back-differs.unfit", why=error.message))
         return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=0, findings=(unfit,))
+    known = {table.identity for table in wanted}
     findings = [item for table in wanted for item in _of_table(table, found.get(table.identity))]
     findings += [
         finding("error", message("read-back-differs.beside", label=table.label))
         for identity, table in found.items()
-        if identity not in {each.identity for each in wanted} and table.value_um.any()
+        if identity not in known and table.value_um.any()
     ]
     stated: Mapping[str, str] = {}
     if isinstance(controller, Switching):

@@ -71,8 +71,9 @@ def commission(standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis
     every = np.concatenate([one.channels for one in standings])
     usual = np.median(every[:, 2::3], axis=0)
     dark = _dark(every, usual)
-    lit = [_lit(one, usual) for one in standings if _beside_mm(one, standings, axis) <= FARTHEST_MM]
-    rows = _Rows.of([one for one in lit if len(one.time_s)], standings, run, axis)
+    centre = _centre_mm(standings)
+    lit = [_lit(one, usual) for one in standings if _beside_mm(one, centre, axis) <= FARTHEST_MM]
+    rows = _Rows.of([one for one in lit if len(one.time_s)], centre, run, axis)
     light = _light(every, rows.channels, usual, dark)
     curves = {name: _base(file, name) for name in CURVES}
     noise = _noise([_seen(one.channels, file, curves, dark) for one in lit if _long(one)])
@@ -105,9 +106,9 @@ def _long(one: Standing) -> bool:
     return len(one.time_s) > 0 and float(np.ptp(one.time_s)) >= LONG_S
 
 
-def _beside_mm(one: Standing, standings: Sequence[Standing], axis: str) -> float:
+def _beside_mm(one: Standing, centre_mm: Vector, axis: str) -> float:
     """Return how far a stand is beside the line of the run, in the farther direction."""
-    return float(np.max(np.abs(np.delete(one.position_mm - _centre_mm(standings), AXES.index(axis)))))
+    return float(np.max(np.abs(np.delete(one.position_mm - centre_mm, AXES.index(axis)))))
 
 
 def _centre_mm(standings: Sequence[Standing]) -> Vector:
@@ -128,9 +129,9 @@ class _Rows:
     jogged: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
     @classmethod
-    def of(cls, lit: Sequence[Standing], standings: Sequence[Standing], run: HeadRun, axis: str) -> "_Rows":
+    def of(cls, lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -> "_Rows":
         """Return the rows of lit stands: one each, many of a long one, which is an end of its own."""
-        centre, along = _centre_mm(standings), AXES.index(axis)
+        along = AXES.index(axis)
         place = np.array([one.position_mm[along] for one in lit])
         near = place.min() if run.beam[0] == "+" else place.max()
         ends: dict[tuple[float, int], int] = {}
@@ -138,7 +139,7 @@ class _Rows:
         for number, one in enumerate(lit):
             long = _long(one)
             end = ends.setdefault((round(float(one.position_mm[along]), 2), number + 1 if long else 0), len(ends))
-            moved_um = 1e3 * _lateral(one.position_mm - centre, run)
+            moved_um = 1e3 * _lateral(one.position_mm - centre_mm, run)
             distance_mm = run.distance_mm + abs(float(one.position_mm[along]) - near)
             rows += [(end, distance_mm, moved_um, channels, samples, not long) for channels, samples in _means(one, long=long)]
         columns = list(zip(*rows, strict=True))
