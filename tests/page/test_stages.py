@@ -24,7 +24,7 @@ from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_vi
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
-from testkit.played import PlayedSurvey, Served, served
+from testkit.played import COUNTS_LOST, PlayedSurvey, Served, served
 
 GONE = LinkStatus(state="silent", address="x", age_s=9.0)
 
@@ -207,17 +207,7 @@ def drive(daemon: Served) -> None:
 
 def trouble(daemon: Served) -> None:
     drive(daemon)
-    lost = tuple(
-        FindingStatus(
-            code="beam-lost",
-            severity="error",
-            text=f"npp out, stop {stop} of 30: the count was lost",
-            message=say("count-was-lost"),
-            at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
-        )
-        for stop in range(5, 13)
-    )
-    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=lost))
+    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=COUNTS_LOST))
 
 
 def done(daemon: Served) -> None:

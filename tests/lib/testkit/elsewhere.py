@@ -68,9 +68,23 @@ def _opened(was: Callable[..., int]) -> Callable[..., int]:
     return opened
 
 
+def contents(folder: Path) -> dict[Path, bytes]:
+    """Return the files of a folder, each by its place in it."""
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def put_back(folder: Path, files: dict[Path, bytes]) -> None:
+    """Bring a folder back to the files that it held."""
+    for path in folder.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for path, data in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+
+
 def digests(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of every file of a folder."""
-    return {str(path.relative_to(folder)): sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {str(path): sha256(data).hexdigest() for path, data in contents(folder).items()}
 
 
 def main() -> None:
@@ -79,19 +93,12 @@ def main() -> None:
     from testkit.cli import stepdiag
 
     folder = Path.cwd()
-    held = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    held = contents(folder)
     ends = {}
     for name, call in json.load(sys.stdin).items():
         ended = stepdiag(*call)
         ends[name] = [*ended, digests(folder)]
-        for path in folder.rglob("*"):
-            if path.is_file() and path not in held:
-                path.unlink()
-        for path, data in held.items():
-            path.write_bytes(data)
-        for path in sorted(folder.rglob("*"), reverse=True):
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
+        put_back(folder, held)
     json.dump(ends, sys.stdout)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from structlog.contextvars import get_contextvars
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Place, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.interval import Interval
@@ -47,6 +48,17 @@ REACH = Reach(
 )
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
 STRIP_BIN_S, STRIP_BINS = 0.02, 75
+COUNTS_LOST = tuple(
+    FindingStatus(
+        code="beam-lost",
+        severity="error",
+        text=f"npp out, stop {stop} of 30: the count was lost",
+        message=message("count-was-lost"),
+        at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
+    )
+    for stop in range(5, 13)
+)
+"""One cause at eight stops."""
 
 
 class PlayedSurvey:

@@ -28,7 +28,7 @@ from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
-from testkit.elsewhere import digests
+from testkit.elsewhere import contents, digests, put_back
 from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
@@ -364,7 +364,7 @@ def kept(goods: Path) -> dict[Path, bytes]:
 def shop(goods: Path, kept: dict[Path, bytes], monkeypatch: pytest.MonkeyPatch) -> Path:
     """That folder as it was made, which is where the commands work: always the same, so that a path in an answer is no difference."""
     if contents(goods) != kept:
-        _put_back(goods, kept)
+        put_back(goods, kept)
     monkeypatch.chdir(goods)
     return goods
 
@@ -375,22 +375,9 @@ def plain_outcomes() -> dict[str, Outcome]:
     return {}
 
 
-def contents(folder: Path) -> dict[Path, bytes]:
-    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
 def outcome(folder: Path, arguments: list[str]) -> Outcome:
     """What a call comes to: its end, its words and the files there afterwards."""
     return stepdiag(*arguments), contents(folder)
-
-
-def _put_back(folder: Path, files: dict[Path, bytes]) -> None:
-    """Bring a folder back to the files that it held."""
-    for path in folder.iterdir():
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    for path, data in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(data)
 
 
 def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
@@ -453,7 +440,7 @@ def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop, kept
     call, options = CALLS[name]
     if name not in plain_outcomes:
         plain_outcomes[name] = outcome(shop, call)
-        _put_back(shop, kept)
+        put_back(shop, kept)
     assert outcome(shop, [*without(call, option), *options[option]]) != plain_outcomes[name]
 
 
@@ -462,7 +449,7 @@ def test_the_same_call_makes_the_same(name, shop, kept):
     """Otherwise any option would seem to change something. What a call is for is done, too."""
     plain = outcome(shop, CALLS[name][0])
     assert plain[0].code in (0, 5), plain[0]
-    _put_back(shop, kept)
+    put_back(shop, kept)
     assert outcome(shop, CALLS[name][0]) == plain
 
 
@@ -519,4 +506,4 @@ def test_files_are_worked_on_wherever_python_runs(shop, kept):
     for name, call in calls.items():
         here = stepdiag(*call)
         assert [*here, digests(shop)] == ends[name], name
-        _put_back(shop, kept)
+        put_back(shop, kept)
