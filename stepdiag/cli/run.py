@@ -13,6 +13,7 @@ def register(app: typer.Typer) -> None:
     app.command("run")(run)
     app.command("complete", hidden=True)(complete)
     app.command("pack", hidden=True)(pack)
+    app.command("page", hidden=True)(page)
 
 
 def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", help="Also log what is for debugging.")] = False) -> None:
@@ -23,6 +24,13 @@ def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", hel
     from stepdiag.daemon.service import record
 
     record(file, verbose=verbose)
+
+
+def page(file: SurveyFile) -> None:
+    """Show a survey that a daemon records (what systemd starts for the page's first visitor)."""
+    from stepdiag.page.process import serve_activated
+
+    serve_activated(file)
 
 
 def complete(

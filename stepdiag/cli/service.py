@@ -33,8 +33,11 @@ def install(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) -
     _show(steps, texts=dry_run)
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload")
-        typer.echo(f"      systemctl enable --now stepdiag@{file.stem}")
+        shows = any(f"stepdiag-page@{file.stem}.socket" in str(step.path) for step in steps if step.does != "remove")
+        shown = f" stepdiag-page@{file.stem}.socket" * shows
+        typer.echo("next: systemd-sysusers && systemctl restart systemd-modules-load && udevadm control --reload")
+        typer.echo("      systemctl daemon-reload")
+        typer.echo(f"      systemctl enable --now stepdiag@{file.stem}{shown}")
 
 
 def publish(

@@ -24,8 +24,10 @@ from stepdiag.page.settings import CERTIFICATE, KEY, TOKEN, is_loopback
 SURVEYS = Path("etc/stepdiag")
 UNITS = Path("etc/systemd/system")
 UNIT = "stepdiag@.service"
+PAGE, PAGE_SOCKET, ACCOUNTS = "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag.sysusers.conf"
 SHARED = {
-    UNIT: UNITS / UNIT,
+    **{unit: UNITS / unit for unit in (UNIT, PAGE, PAGE_SOCKET)},
+    ACCOUNTS: Path("etc/sysusers.d/stepdiag.conf"),
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
@@ -54,14 +56,18 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
-    return [*steps, written(root / _drop_in(name), drop_in(survey, Path("/") / SURVEYS))]
+    wanted = drop_ins(name, survey, Path("/") / SURVEYS)
+    places = [_of(unit, name) for unit in (PAGE, PAGE_SOCKET)]
+    stale = [Step(root / place, "remove") for place in places if place not in wanted and (root / place).exists()]
+    return [*steps, *stale, *(written(root / path, text) for path, text in wanted.items())]
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
     """Return what is removed: the drop-in, and what all surveys share once no other is installed. Survey, token and data stay."""
-    own = root / _drop_in(name_of(survey_file, root))
-    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path != own]
-    places = [own, *([] if others else [root / place for place in SHARED.values()])]
+    name = name_of(survey_file, root)
+    own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
+    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path not in own]
+    places = [*own, *([] if others else [root / place for place in SHARED.values()])]
     return [Step(path, "remove") for path in places if path.exists()]
 
 
@@ -74,9 +80,15 @@ def carry_out(steps: list[Step]) -> None:
             raise UsageError(str(step.path), expected="a place that can be written (as root)", found=system_words(error)) from error
 
 
-def drop_in(survey: Survey, folder: Path) -> str:
-    """Return the drop-in of a survey: its PLC, its ports, its credentials in ``folder``, nothing else. Raises UsageError."""
-    return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in (*_network(survey), *_ports(survey), *_credentials(survey, folder)))
+def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
+    """Return the drop-ins of a survey by their places: the recorder's devices; the page's addresses, and its credentials in ``folder``.
+
+    Raises UsageError.
+    """
+    texts = {_of(UNIT, name): ("Service", _network(survey))}
+    if survey.page.enabled or survey.metrics.enabled:
+        texts |= {_of(PAGE, name): ("Service", _credentials(survey, folder)), _of(PAGE_SOCKET, name): ("Socket", _addresses(survey))}
+    return {place: WRITTEN + f"[{section}]\n" + "".join(f"{line}\n" for line in lines) for place, (section, lines) in texts.items()}
 
 
 def _do(step: Step) -> None:
@@ -116,8 +128,9 @@ def name_of(survey_file: Path, root: Path) -> str:
     return name
 
 
-def _drop_in(name: str) -> Path:
-    return UNITS / f"stepdiag@{name}.service.d" / DROP_IN
+def _of(unit: str, name: str) -> Path:
+    """Return the place of the drop-in of an instance."""
+    return UNITS / f"{unit.replace('@', f'@{name}')}.d" / DROP_IN
 
 
 def shared(source: str, root: Path) -> str:
@@ -130,11 +143,8 @@ def shared(source: str, root: Path) -> str:
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Allow the devices alone, or private networks where one has a name instead of an address; and who looks at the page."""
-    page = survey.page
+    """Allow the devices alone, or private networks where one has a name instead of an address."""
     allowed = [each for host in _devices(survey) if not is_loopback(host) for each in address_of(host) or PRIVATE_NETWORKS]
-    if (page.enabled and not is_loopback(page.host)) or (survey.metrics.enabled and not is_loopback(survey.metrics.host)):
-        allowed += PRIVATE_NETWORKS
     yield "IPAddressAllow="
     yield from (f"IPAddressAllow={each}" for each in ("localhost", *dict.fromkeys(allowed)))
 
@@ -149,9 +159,19 @@ def _devices(survey: Survey) -> Iterator[str]:
     yield from (line.host for line in map(network_line, ports) if line is not None)
 
 
-def _ports(survey: Survey) -> Iterator[str]:
-    yield "SocketBindAllow="
-    yield from (f"SocketBindAllow=tcp:{each.port}" for each in (survey.page, survey.metrics) if each.enabled)
+def _addresses(survey: Survey) -> Iterator[str]:
+    """Yield where page and metrics are reached, and from where: private networks, for what is bound beyond this computer."""
+    served = [each for each in (survey.page, survey.metrics) if each.enabled]
+    yield "ListenStream="
+    for each in served:
+        (host,) = address_of("127.0.0.1" if each.host == "localhost" else each.host) or [""]
+        if not host:
+            raise UsageError(
+                "page.host, metrics.host", expected="an address of this computer: systemd listens there", found=repr(each.host)
+            )
+        yield f"ListenStream={f'[{host}]' if ':' in host else host}:{each.port}"
+    if not all(is_loopback(each.host) for each in served):
+        yield from (f"IPAddressAllow={each}" for each in PRIVATE_NETWORKS)
 
 
 def _credentials(survey: Survey, folder: Path) -> Iterator[str]:

@@ -5,6 +5,7 @@ usual; and the collector of garbage, which holds everything up for 20 ms when it
 """
 
 import gc
+import os
 import sys
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -12,12 +13,18 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag.base.errors import UsageError
+
 if TYPE_CHECKING:
     import asyncio
+    from contextlib import AbstractAsyncContextManager
 
     from stepdiag.daq.service.daemon import Daemon
     from stepdiag.daq.survey.models import Survey
 
+SOCKET = "STEPDIAG_PAGE_SOCKET"
+"""Set in the unit: the socket of the file system over which the page's unit comes."""
+PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
 """How long a thread that computes may go on while another one waits."""
@@ -51,7 +58,9 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
-        if page.enabled or metrics.enabled:
+        if SOCKET in os.environ:
+            await beside.enter_async_context(_page_elsewhere(daemon, Path(os.environ[SOCKET])))
+        elif page.enabled or metrics.enabled:
             await beside.enter_async_context(_page_beside(daemon, survey_file))
         gc.freeze()
         gc.enable()
@@ -85,6 +94,20 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
             log.error("aside", said=what, count=count)
 
     return say
+
+
+def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
+    """Serve the page's unit, which has an account and addresses of its own. Raises UsageError where the system lacks that account."""
+    import pwd
+
+    from stepdiag.page.keeper import page_served
+
+    try:
+        account = pwd.getpwnam(PAGE_ACCOUNT).pw_uid
+    except KeyError:
+        remedy = "systemd-sysusers makes it, by the file that `stepdiag service install` writes"
+        raise UsageError("the page's account", expected=f"an account {PAGE_ACCOUNT}", found="none", remedy=remedy) from None
+    return page_served(path, account, daemon.status_source, daemon.status_source.figures)
 
 
 @asynccontextmanager

@@ -17,6 +17,8 @@ NAMES = ("/etc", "/run/systemd/resolve")
 BEHIND = 5
 """How much it stands back (nice)."""
 
+_log = structlog.get_logger("publish")
+
 
 def stand_back(folder: Path, *, calls: int = 0) -> None:
     """Leave the processor to the recording where both want it, and memory too; then set up the walls (`stepdiag.walls.confine`).
@@ -27,7 +29,7 @@ def stand_back(folder: Path, *, calls: int = 0) -> None:
     allowed = [limit for limit in (MOST_MEMORY, *resource.getrlimit(resource.RLIMIT_DATA)) if limit != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_DATA, (min(allowed), min(allowed)))
     still_open = confine_publisher((*readable_by_program(folder), *map(Path, NAMES)), calls=calls)
-    structlog.get_logger("publish").info("publish-confined", open=", ".join(still_open) or "nothing")
+    _log.info("publish-confined", open=", ".join(still_open) or "nothing")
 
 
 def stopped_by_signal() -> asyncio.Event:

@@ -1,9 +1,10 @@
 # ruff: noqa: E501, PTH101, PTH102, PTH104, PTH108, PTH211  # the calls as the kernel has them, one a line
 """Code inside a process behind its walls: tries all that would harm the recorder, by the C library, and prints what succeeded.
 
-    python attack.py page|opcua|mqtt VERSION PID PORT FOLDER SECRET
+    python attack.py page|opcua|mqtt|unit VERSION PID PORT FOLDER SECRET
 
-VERSION masks the kernel's Landlock. PID is the recorder, PORT a listener of TCP and UDP, FOLDER holds 0001.mcap, SECRET is a file elsewhere.
+VERSION masks the kernel's Landlock. ``unit`` sets up no walls of its own: those of the unit
+it runs in stand alone. PID is the recorder, PORT a listener of TCP and UDP, FOLDER holds 0001.mcap, SECRET is a file elsewhere.
 """
 
 import contextlib
@@ -69,6 +70,10 @@ def attacks(pid, port, folder, secret):
         LIBC.execv(b"/nowhere", (ctypes.c_char_p * 2)(b"x", None))
         return -1 if ctypes.get_errno() == errno.EPERM else 0
 
+    def by_descriptor():
+        found = LIBC.syscall(NUMBERS["pidfd_open"], pid, 0)
+        return LIBC.syscall(NUMBERS["pidfd_send_signal"], found, signal.SIGUSR1, None, 0) if found > 0 else -1
+
     def descriptor(number, *arguments):
         found = LIBC.syscall(NUMBERS[number], *arguments)
         if found > 0:
@@ -77,9 +82,9 @@ def attacks(pid, port, folder, secret):
 
     return {
         "kill 0": lambda: LIBC.kill(pid, 0), "SIGSTOP": lambda: LIBC.kill(pid, signal.SIGSTOP), "SIGKILL": lambda: LIBC.kill(pid, signal.SIGKILL),
-        "SIGKILL to all": lambda: LIBC.kill(-1, 0), "a queued signal": lambda: LIBC.sigqueue(pid, signal.SIGUSR1, None),
+        "a signal to all": lambda: LIBC.kill(-1, 0), "a queued signal": lambda: LIBC.sigqueue(pid, signal.SIGUSR1, None),
         "tgkill": lambda: LIBC.tgkill(pid, pid, signal.SIGUSR1),
-        "a signal by pidfd": lambda: descriptor("pidfd_open", pid, 0),
+        "a signal by pidfd": by_descriptor,
         "its size of files": lambda: LIBC.prlimit(pid, resource.RLIMIT_FSIZE, limit, None),
         "its limits read": lambda: LIBC.prlimit(pid, resource.RLIMIT_FSIZE, None, ctypes.create_string_buffer(16)),
         "its priority": lambda: LIBC.setpriority(PRIO_PROCESS, pid, 19),
@@ -134,6 +139,8 @@ def main(walls, version, pid, port, folder, secret):
     match walls:
         case "page":
             still_open = confine.confine(readable)
+        case "unit":
+            still_open = ()
         case "opcua":
             still_open = confine.confine_publisher(readable)
         case _:
