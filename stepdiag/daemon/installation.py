@@ -15,7 +15,7 @@ from typing import Literal
 
 from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import write_atomically
-from stepdiag.daemon.program_places import at_its_places, places_of_program
+from stepdiag.daemon.program_places import PACKAGED, at_its_places, places_of_program
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
@@ -52,7 +52,7 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
-    steps = [written(root / place, shared(source, root)) for source, place in SHARED.items()]
+    steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
@@ -131,6 +131,18 @@ def name_of(survey_file: Path, root: Path) -> str:
 def _of(unit: str, name: str) -> Path:
     """Return the place of the drop-in of an instance."""
     return UNITS / f"{unit.replace('@', f'@{name}')}.d" / DROP_IN
+
+
+def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
+    """Yield what is done with a file that all surveys share.
+
+    A package brings its own and renews it with each upgrade: a copy in /etc, which an older version wrote, would hide that for ever.
+    """
+    packaged = root / "usr/lib" / place.relative_to("etc")
+    if packaged.is_file() and sys.prefix == PACKAGED:
+        yield from (Step(each, "remove") for each in (root / place,) if each.is_file())
+    else:
+        yield written(root / place, shared(source, root))
 
 
 def shared(source: str, root: Path) -> str:

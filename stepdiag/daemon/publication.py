@@ -7,7 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daemon.installation import DROP_IN, PRIVATE_NETWORKS, SURVEYS, UNITS, WRITTEN, Step, address_of, name_of, shared, written
+from stepdiag.daemon.installation import (
+    DROP_IN,
+    PRIVATE_NETWORKS,
+    SURVEYS,
+    UNITS,
+    WRITTEN,
+    Step,
+    address_of,
+    name_of,
+    shared_steps,
+    written,
+)
 from stepdiag.daq.links.ports.address import host_and_port
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.settings import is_loopback
@@ -44,7 +55,7 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)
-    return [written(root / UNITS / UNIT, shared(UNIT, root)), written(root / _drop_in(name), text)]
+    return [*shared_steps(UNIT, UNITS / UNIT, root), written(root / _drop_in(name), text)]
 
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:

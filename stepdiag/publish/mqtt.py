@@ -5,6 +5,7 @@ runs in a process of its own and knows nothing of this one.
 """
 
 import asyncio
+import socket
 import ssl
 from collections.abc import Callable
 from contextlib import suppress
@@ -170,6 +171,10 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
+        # the library binds its side to any port first, which the walls of this process shut (`stepdiag.walls.confine`)
+        paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
+            (paho.host, paho.port), timeout=paho.connect_timeout
+        )
 
     def let_go(self) -> None:
         """Close what is open: the library leaves a connection on which something unexpected came, and hears it on and on."""
