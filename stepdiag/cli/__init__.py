@@ -18,6 +18,7 @@ MODULES = (
     "sign_test",
     "program",
     "plan",
+    "ahead",
     "fourdof",
     "fleet",
     "publish",
