@@ -7,7 +7,7 @@ import msgspec
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text, write_atomically
-from stepdiag.base.messages import Words, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.readings.runs import Run
@@ -73,22 +73,26 @@ def known_before(file: Path, survey: Survey, about: Circumstances) -> Circumstan
 
 def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
     """Return what to drive next for a person."""
-    angles: Words = "" if ahead.angles_urad is None else message("ahead-angles", angles_urad=ahead.angles_urad)
-    figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes}
-    if ahead.end:
-        planned = next((run.setup for run in ahead.runs if run.setup in survey.plan.all_setups), "")
-        end = {"angles": angles, "most_um": ahead.at_most_um, "now_um": ahead.now_um}
-        return AheadStatus(
-            words=message("ahead-end.planned", setup=planned, **end) if planned else message("ahead-end", **end), setup=planned
-        )
-    first, *others = ahead.runs
-    further = first.setup not in survey.plan.all_setups
-    line = _line(first) if further else message("ahead-planned", setup=first.setup)
-    if others:
-        words = message("ahead-next.with", angles=angles, line=line, others=[run.setup for run in others], **figures)
+    planned = survey.plan.all_setups
+    first = next(iter(ahead.runs), None)
+    if first is None or (ahead.end and first.setup not in planned):
+        words, setup = message("ahead-end", most_um=ahead.at_most_um, now_um=ahead.now_um), ""
+    elif ahead.end:
+        words, setup = message("ahead-end.planned", setup=first.setup, most_um=ahead.at_most_um, now_um=ahead.now_um), first.setup
     else:
-        words = message("ahead-next", angles=angles, line=line, **figures)
-    return AheadStatus(words=words, setup=first.setup, further=further)
+        words, setup = _next(ahead, survey), first.setup
+    if ahead.angles_urad is not None:
+        words = message("ahead-angles", angles_urad=ahead.angles_urad, what=words)
+    return AheadStatus(words=words, setup=setup, further=bool(setup) and setup not in planned)
+
+
+def _next(ahead: Sequel, survey: Survey) -> Message:
+    first, *others = ahead.runs
+    line = message("ahead-planned", setup=first.setup) if first.setup in survey.plan.all_setups else _line(first)
+    figures = {"now_um": ahead.now_um, "then_um": ahead.then_um, "minutes": ahead.minutes}
+    if others:
+        return message("ahead-next.with", line=line, others=[run.setup for run in others], **figures)
+    return message("ahead-next", line=line, **figures)
 
 
 def _line(run: Run) -> Words:
