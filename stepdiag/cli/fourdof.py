@@ -19,7 +19,7 @@ Calibration = Annotated[Path, typer.Option(help="The head's calibration file.")]
 Seconds = Annotated[float | None, typer.Option(min=0.1, help="How long a live head is recorded; refused for a recording.")]
 Plot = Annotated[Path | None, typer.Option(help="Where to draw it: FILE.svg or FILE.html.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
-ALIGN_S, WOBBLE_S, STABILITY_S = 3600.0, 20.0, 960.0
+ALIGN_S, STABILITY_S = 3600.0, 960.0
 """How long a live head is recorded where nothing is stated."""
 
 commands = typer.Typer(help="The 4-DOF head: commissioning, tests, and what it measured.", no_args_is_help=True)
@@ -47,40 +47,6 @@ def align(source: Source, seconds: Seconds = None) -> None:
 
     with view.live():
         listen_to_head(load_survey(source), source.name, seconds or ALIGN_S, view.take)
-
-
-@commands.command()
-def signs(
-    at: Annotated[list[str], typer.Option(help="DISTANCE=SOURCE: distance head to target in mm, and where the wobble comes from. Twice.")],
-    calibration: Calibration,
-    out: Annotated[Path, typer.Option(help="The calibration file to write, with signs and lever; never overwritten.")],
-    seconds: Seconds = None,
-    as_json: AsJson = False,
-) -> None:
-    """Find the signs of PSD1 and PSD2 and the lever.
-
-    The target stands, the laser's pointing is wobbled, at two distances.
-    """
-    import msgspec
-
-    from stepdiag.fourdof.commissioning import signs_of
-    from stepdiag.head.view import signs_lines
-
-    file = read_calibration(calibration)
-    places = [_place(text) for text in at]
-    found = signs_of(
-        [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
-        file,
-    )
-    write_calibration(out, found.file.with_measured("fourdof signs", _today(), "lever"))
-    if as_json:
-        lever = msgspec.structs.asdict(found.lever)
-        factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
-        typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
-        return
-    for line in signs_lines(found):
-        typer.echo(line)
-    typer.echo(f"written: {out}")
 
 
 @commands.command()
@@ -301,14 +267,6 @@ def _today() -> str:
     from datetime import UTC, datetime
 
     return datetime.now(UTC).date().isoformat()
-
-
-def _place(text: str) -> tuple[float, Path]:
-    distance, _, source = text.partition("=")
-    try:
-        return float(distance), Path(source)
-    except ValueError as error:
-        raise UsageError("--at", expected="DISTANCE=SOURCE, such as 500=near.csv", found=repr(text)) from error
 
 
 def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":

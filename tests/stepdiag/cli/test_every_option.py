@@ -186,13 +186,6 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--plot": ["--plot", "new.svg"], "--json": ["--json"],
         },
     ),
-    "fourdof signs": (
-        ["fourdof", "signs", "--at", "500=near.csv", "--at", "2000=far.csv", "--calibration", "head.toml", "--out", "new.toml"],
-        {
-            "--at": ["--at", "600=near.csv", "--at", "2000=far.csv"], "--calibration": ["--calibration", "none.toml"],
-            "--out": ["--out", "other.toml"], "--seconds": ["--seconds", "9"], "--json": ["--json"],
-        },
-    ),
     "fourdof stability": (
         ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
         {
