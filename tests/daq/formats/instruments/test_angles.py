@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.instruments.angles import ELCOMAT, ELCOMAT_GREETING, URAD, WYLER, AnglesDecoder, AnglesSettings, AskedAnglesDecoder
+from stepdiag.daq.formats.instruments.angles import (
+    ELCOMAT,
+    ELCOMAT_GREETING,
+    URAD,
+    WYLER,
+    AnglesDecoder,
+    AnglesSettings,
+    AskedAnglesDecoder,
+)
 from stepdiag.daq.timing.samples import Flag
 
 ARCSEC = 4.84813681109536
