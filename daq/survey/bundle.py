@@ -105,3 +105,9 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
 
 def _read(path: Path, source: str) -> bytes:
     return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=path.name), blame=UsageError)
+
+
+def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
+    """Return what every log of a survey holds of it in ``stepdiag.run``: whether a compensation is active, and the files that it names."""
+    bundle = read_bundle(survey_file, survey)
+    return {"compensation": compensation_of(survey, bundle).words(), **bundle_to_run(bundle)}

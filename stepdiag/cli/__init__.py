@@ -9,6 +9,7 @@ MODULES = (
     "status",
     "accept",
     "begin",
+    "stream",
     "solve",
     "runs",
     "logs",
@@ -37,6 +38,7 @@ LINUX_ONLY = frozenset(
         "service remove",
         "setup",
         "status",
+        "stream",
     }
 )
 """Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""

@@ -209,7 +209,14 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
 After a colon stands what a call of the command is for, where it has several.
 """
 
-NEEDED = {"demo": [], "setup": ["new.toml"], "status": ["."], "fleet": ["store"], "publish": ["result.json", "--broker", "localhost"]}
+NEEDED = {
+    "demo": [],
+    "stream": ["survey.toml", "ppp", "x.csv", "--unit", "mm"],
+    "setup": ["new.toml"],
+    "status": ["."],
+    "fleet": ["store"],
+    "publish": ["result.json", "--broker", "localhost"],
+}
 """What the commands that need Linux take at least, where it is no survey file."""
 
 COVERED: dict[str, dict[str, list[str]]] = {
@@ -244,6 +251,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
     "begin": {},
+    "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
     "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
     "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
