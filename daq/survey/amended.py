@@ -4,8 +4,11 @@ import json
 import re
 from collections.abc import Sequence
 
-from stepdiag.base.errors import UsageError
+import msgspec
+
+from stepdiag.base.errors import StepdiagError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.setups import setup_code
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Plan
 
@@ -42,6 +45,23 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
         raise UsageError(f"{source}: plan", expected=message("section-plan-with-one"), found=message("another-form"),
                          remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
     return amended
+
+
+def extends(text: str, recorded: str) -> bool:
+    """Tell whether a survey file is that of a log, perhaps with further setups: those of the log are driven and coded as before."""
+    if text == recorded:
+        return True
+    try:
+        new, old = parse_survey(text, "survey"), parse_survey(recorded, "log")
+    except StepdiagError:
+        return False
+    names, before = new.plan.all_setups, old.plan.all_setups
+    plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
+    return (
+        len(names) > len(before)
+        and msgspec.structs.replace(new, plan=plan) == old
+        and all(run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs)
+    )
 
 
 def _blocks(lines: Sequence[str]) -> list[list[str]]:

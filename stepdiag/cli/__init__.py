@@ -19,6 +19,7 @@ MODULES = (
     "sign_test",
     "program",
     "plan",
+    "ahead",
     "fourdof",
     "fleet",
     "publish",

@@ -162,14 +162,30 @@ def _print_load(written: "ExportReport") -> None:
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="The file of other software: Etalon Exchange.")],
-    chain: Annotated[str, typer.Option(help="The machine's kinematic chain, FXYZ or [w X' b Y Z t]: the file does not say it.")],
-    out: Annotated[Path, typer.Option(help="The result.json to write.")],
+    files: Annotated[
+        list[str],
+        typer.Argument(help="A file in the Etalon Exchange format; or with --map a table an axis: linear-x=FILE.csv[@X,Y,Z] (its line)."),
+    ],
+    out: Annotated[Path, typer.Option(help="The result.json to write; of tables the folder for readings, angles and straightness.")],
+    chain: Annotated[str, typer.Option(help="The machine's kinematic chain, FXYZ or [w X' b Y Z t]: the file does not say it.")] = "",
+    columns: Annotated[
+        list[str] | None,
+        typer.Option("--map", help="A column of the tables: FUNCTION=[-]COLUMN[UNIT]~U, such as EBX=-Pitch[arcsec]~0.1; again for each."),
+    ] = None,
 ) -> None:
     """Take over what other software measured.
 
-    Functions and squareness in the Etalon Exchange format become a result that `export`, `verify` and `compare` take.
+    Functions and squareness in the Etalon Exchange format become a result that `export`, `verify` and `compare` take. Tables of a
+    multi-axis laser, rows in the order of driving, become the readings, angles and straightness that `solve` takes.
     """
+    if columns:
+        from stepdiag.cli.runs import import_tables
+
+        import_tables(files, columns, out)
+        return
+    if len(files) != 1 or not chain:
+        raise UsageError("import", expected=message("import-options"), found=" ".join(files))
+    file = Path(files[0])
     from stepdiag.base.files import read_bytes, write_new
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.neutral import etalon

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.completion import PROGRAMS
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
 
@@ -159,11 +160,11 @@ def commission(
     """
     if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
         if controller is None or calibration is not None:
-            raise UsageError("fourdof commission", expected="--controller with a survey file, and no --calibration", found=sources[0].name)
+            raise UsageError("fourdof commission", expected=message("commission-program-options"), found=sources[0].name)
         _commission_program(sources[0], controller, profile, out)
         return
     if calibration is None or controller is not None or profile is not None:
-        raise UsageError("fourdof commission", expected="--calibration with logs, and no --controller or --profile", found=sources[0].name)
+        raise UsageError("fourdof commission", expected=message("commission-logs-options"), found=sources[0].name)
     _commission_logs(sources, calibration, out, as_json=as_json)
 
 

@@ -114,8 +114,11 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     ),
     "import": (
         ["import", "etalon.txt", "--chain", "FXYZ", "--out", "taken.json"],
-        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"]},
+        # tests/stepdiag/fourdof/test_tables.py tries --map
+        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"], "--map": []},
     ),
+    # tests/system/recording/test_further_setup.py tries --note, with the daemon
+    "next": (["next", "survey.toml"], {"--take": ["--take"], "--json": ["--json"], "--note": []}),
     "program": (
         ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
         {
