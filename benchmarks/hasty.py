@@ -1,7 +1,8 @@
 """Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty [ROUNDS] [proof]``
 
-Each ends with reading back what the control holds, or with a proof run. Counts the sequences (`testkit.exact.hasty`) that end with exit code 0 and a machine that is worse, what stops the others, and the
-right ones that are refused. A right sequence states what was on, and loads its own files as a whole.
+Each ends with reading back what the control holds, or with a proof run. Counts the sequences (`testkit.exact.hasty`) that end with exit
+code 0 and a machine that is worse, what stops the others, and the right ones that are refused. A right sequence states what was on, and
+loads its own files as a whole.
 """
 
 import sys

@@ -115,7 +115,7 @@ def proofs(seed: int) -> Iterator[tuple[Tried, Proof]]:
     tables = SIEMENS.parse([ControlFile(name=file.name, data=file.data) for file in files], quick_profile(SIEMENS, VOLUME))
     for tried in states([file.data.decode("ascii") for file in files], tables, seed):
         loaded = [table for text in tried.texts for table in load_siemens(text)]
-        yield tried, prove(readings, again(replace(machine, compensations=loaded), seed), tables)
+        yield tried, prove(result, readings, again(replace(machine, compensations=loaded), seed), tables)
 
 
 def print_rates(machines: int, first: int = FIRST_SEED) -> None:

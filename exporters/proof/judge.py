@@ -8,7 +8,8 @@ fault explains one function, all functions of a kind of table, or all. Explanati
 readings `NAMED` times as likely as those before it.
 
 A table is decided where every other state of it makes the readings `SURE` times less likely, by itself and with all of its kind; one that
-is not decided is shown with its factor and U. The tables are kept where every one of them is decided to be right.
+is not decided is shown with its factor and U. The tables are kept where every one of them is decided to be right, or too small to matter:
+what the states that remain differ by is no more than U of the survey's own readings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed
 from stepdiag.exporters.safety.verdicts.regression import Measured
@@ -37,7 +39,7 @@ SURE, NAMED = 20.0, 400.0
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
     """The verdict on the tables of one function: ``factor`` with standard uncertainty ``u``, and ``seen_um``, the rms of what the laser
-    was to see of them. ``code`` is None where the run does not decide."""
+    was to see of them. ``code`` is None where the run does not decide; ``harmless`` is then whether that matters."""
 
     function: str
     kind: str
@@ -45,11 +47,14 @@ class Proved:
     factor: float
     u: float
     seen_um: float
+    harmless: bool = True
 
     @property
     def state(self) -> Literal["right", "wrong", "undecided"]:
         """Return what the code comes to."""
-        return "undecided" if self.code is None else "right" if self.code == "right" else "wrong"
+        if self.code is None:
+            return "right" if self.harmless else "undecided"
+        return "right" if self.code == "right" else "wrong"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,8 +131,8 @@ class _Case:
         return _Explained(states={**than.states, **dict.fromkeys(names, swapped)}, predicted_um=than.predicted_um + moved)
 
 
-def prove(before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table] = ()) -> Proof:
-    """Return what a proof run shows: ``before`` are the readings of the survey, ``after`` its own.
+def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table] = ()) -> Proof:
+    """Return what a proof run shows: ``before`` are the readings of the survey with this ``result``, ``after`` its own.
 
     ``acting`` are the tables that were to act in it, ``replaced`` those that acted in the survey. Raises ``DataError`` where the two share
     no stops, or see nothing of any table.
@@ -139,15 +144,25 @@ def prove(before: Readings, after: Readings, acting: Sequence[Table], replaced: 
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
-    return Proof(tables=tuple(_proved(case, best, name) for name in case.seen), sigma_um=case.fit.sigma_um)
+    return Proof(tables=tuple(_proved(case, best, name, result) for name in case.seen), sigma_um=case.fit.sigma_um)
 
 
-def _proved(case: _Case, best: _Explained, name: str) -> Proved:
-    at = list(case.seen).index(name)
+def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
+    at, seen = list(case.seen).index(name), case.seen[name]
+    code, factor = best.states[name]
     least = case.misfit(best) + 2.0 * np.log(SURE)
-    code = best.states[name][0]
-    others = (other for other in case.others(best) if other.states[name][0] != code)
+    remain = {other.states[name] for other in case.others(best) if other.states[name][0] != code and case.misfit(other) < least}
+    sized_um = rms(np.concatenate([table.absolute_um - np.mean(table.absolute_um) for table in case.tables if table.name == name]))
+    states = [*remain, (code, factor)]
+    off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
     return Proved(
-        function=name, kind=case.kinds[name], code=None if any(case.misfit(other) < least for other in others) else code,
-        factor=float(case.fit.factor[at]), u=float(case.fit.u[at]), seen_um=rms(case.seen[name] - np.mean(case.seen[name])),
+        function=name, kind=case.kinds[name], code=None if remain else code, factor=float(case.fit.factor[at]), u=float(case.fit.u[at]),
+        seen_um=rms(seen - np.mean(seen)), harmless=bool(off * sized_um <= _unknown_um(result, name)),
     )  # fmt: skip
+
+
+def _unknown_um(result: Result, function: str) -> float:
+    """Return U of a function from the readings alone, rms over its positions; 0 where the result does not know it."""
+    found = result.errors.get(function)
+    u = None if found is None else found.u if found.u_readings is None else found.u_readings
+    return 0.0 if u is None else 2.0 * rms(u)

@@ -22,7 +22,7 @@ STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH).",
     "heidenhain": "Copy the .COM tables and the .CMA file out of the control again.",
-    "beckhoff": "Copy the files out of the folder that the configuration names, axis lists with their lr_param.ssfk: those that were loaded.",
+    "beckhoff": "Copy the loaded files out of the folder that the configuration names, axis lists with their lr_param.ssfk.",
     "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp` (joint, file), run READ_BACK.ngc.",
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",

@@ -122,7 +122,7 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
 def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Proof | None:
     """Return the verdict on a proof run from its readings; None for any other survey. Raises as `loaded_in`."""
     held = loaded_in(survey, files)
-    return None if held is None else prove(held.readings, readings, *held.tables())
+    return None if held is None else prove(held.result, held.readings, readings, *held.tables())
 
 
 def proof_findings(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Iterator[Finding]:

@@ -198,7 +198,7 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
     if story.done == "a switch forgotten":
         hall.control.held["$SN_CEC_TABLE_ENABLE[2]"] = "0"
     if along is not None:
-        found = prove(along, hall.readings(), *acting_in(measured, SIEMENS, tables, profile))
+        found = prove(measured, along, hall.readings(), *acting_in(measured, SIEMENS, tables, profile))
         return "" if found.action == "keep" else f"proof run: {found.action}", before, hall.errs_um()
     (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
     hall.control.run(reader.data.decode("ascii"))
