@@ -115,12 +115,13 @@ def _programs(survey_file: Path) -> dict[str, str]:
     from stepdiag.daq.survey.file import load_survey
 
     survey = load_survey(survey_file)
-    if not survey.exports:
+    named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
+    if not named:
         return {}
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.exporters.programs import CONTROLS, program_name
 
-    control = next((each.controller for each in survey.exports if each.controller in CONTROLS), "")
+    control = next((name for name in named if name in CONTROLS), "")
     if not control:
         return {}
     sequence = sequence_of(survey)
