@@ -260,7 +260,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
     "resolve": {
         "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
-        "system/service/test_resolve.py": ["--scheduler", "--workers"],
+        "system/service/test_resolve.py": ["--ca", "--certificate", "--key", "--scheduler", "--workers"],
     },
     "publish": {
         "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
