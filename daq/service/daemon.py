@@ -37,7 +37,7 @@ from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.service.status_source import DaemonStatusSource, Working
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.survey.amended import extends
-from stepdiag.daq.survey.bundle import bundle_to_run, compensation_findings, compensation_of, read_bundle
+from stepdiag.daq.survey.bundle import compensation_findings, run_record
 from stepdiag.daq.survey.file import load_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
@@ -69,8 +69,7 @@ class Daemon:
         self.survey = load_survey(survey_file)
         self.status_source = DaemonStatusSource()
         self._text = read_text(survey_file)
-        bundle = read_bundle(survey_file, self.survey)
-        self._run_record = {"compensation": compensation_of(self.survey, bundle).words(), **bundle_to_run(bundle)}
+        self._run_record = run_record(self.survey, survey_file)
         self._folder = self.survey.folder(survey_file)
         self._commands = Commands(completion=completion, archiving=archiving, ahead=ahead, max_gb=self.survey.recording.max_gb)
         self._programs = programs

@@ -238,7 +238,7 @@ def verify(
     if not files:
         _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
-    given, aside = _tables_among(files)
+    given, aside = tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
@@ -307,7 +307,7 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
     return {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]} if beside else {}
 
 
-def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
+def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
     """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
 
     A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by

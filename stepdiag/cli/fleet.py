@@ -1,7 +1,7 @@
 """``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +12,7 @@ from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
+    from stepdiag.fleet.resolve import Scheduler
     from stepdiag.fleet.trend import Trend
     from stepdiag.texts.texts import Language
 
@@ -134,23 +135,32 @@ def fleet(
     port: Annotated[int, typer.Option(min=1, max=65535)] = 8430,
     language: Annotated[str, typer.Option(help="en or de")] = "en",
 ) -> None:
-    """Show all machines of a store in the browser, worst first."""
+    """Show all machines of a store in the browser, worst first.
+
+    The address that is printed carries a token, another one at each start: loopback is open to every account of the computer.
+    """
+    from secrets import token_urlsafe
+
     from stepdiag.fleet.page import LOOPBACK, Sheets, create_app, serve
     from stepdiag.fleet.store import Store
 
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
     chosen = _language(language)
     sheets.sheet(chosen)
-    typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
-    serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
+    token = token_urlsafe(18)
+    typer.echo(f"http://{host}:{port}/?token={token} shows {store}; Ctrl-C ends it")
+    serve(create_app(sheets, chosen, token, (*LOOPBACK, host.lower())), host, port)
 
 
 def resolve(
     store: StoreName,
     workers: Annotated[int | None, typer.Option(min=1, max=256, help="Processes on this computer; 2 where nothing is stated.")] = None,
     scheduler: Annotated[
-        str, typer.Option(help="Instead: a Dask scheduler, tcp://HOST:PORT; its workers need stepdiag[fleet] and the store.")
+        str, typer.Option(help="Instead: a Dask scheduler, tls://HOST:PORT; its workers need stepdiag[fleet] and the store.")
     ] = "",
+    ca: Annotated[Path | None, typer.Option(help="With --scheduler: the certificate that signs the scheduler's (PEM).")] = None,
+    certificate: Annotated[Path | None, typer.Option(help="With --scheduler: the certificate of this client (PEM).")] = None,
+    key: Annotated[Path | None, typer.Option(help="With --scheduler: the key of this client's certificate (PEM).")] = None,
     machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
     survey: Annotated[
         Path | None,
@@ -172,12 +182,14 @@ def resolve(
         raise UsageError("--survey", expected="--machine beside it: a survey file is that of one machine", found="none")
     if workers is not None and scheduler:
         raise UsageError("--workers", expected="no --scheduler beside it: its workers do the work", found=scheduler)
+    files = {"--ca": ca, "--certificate": certificate, "--key": key}
+    by = _scheduler(scheduler, files) if scheduler or any(files.values()) else workers or 2
     text = read_text(survey) if survey is not None else ""
     place = Store(store)
     surveys = resolving.open_surveys(place, machine)
     found = []
     try:
-        for each in resolving.resolve(place, surveys, workers=workers or 2, scheduler=scheduler, survey=text):
+        for each in resolving.resolve(place, surveys, by, survey=text):
             found.append(each)
             outcome = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
             typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {outcome}", err=as_json)
@@ -191,6 +203,19 @@ def resolve(
             store, expected="surveys that this version solves", found=f"{len(failed)} of {len(found)} that it does not",
             remedy="where a survey file in the logs is refused: `--machine M --survey FILE` with one that stands for it",
         )  # fmt: skip
+
+
+def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
+    """Return the scheduler that is named. Raises UsageError for one without TLS: it would run the code of whoever reaches it."""
+    from stepdiag.fleet.resolve import Scheduler
+
+    if not address.startswith("tls://"):
+        raise UsageError("--scheduler", expected="tls://HOST:PORT: Dask runs whatever code a client sends", found=address or "none")
+    given = {option: file for option, file in files.items() if file is not None and file.is_file()}
+    for option, file in files.items():
+        if option not in given:
+            raise UsageError(option, expected="a file (PEM) beside --scheduler", found="none" if file is None else f"no file {file}")
+    return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
 
 
 def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "tuple[list[Trend], tuple[LeftOut, ...]]":

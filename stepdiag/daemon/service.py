@@ -113,12 +113,13 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
 
 def _programs(survey: "Survey") -> dict[str, str]:
     """Return the name of the NC program of each setup, for the first control of the survey that programs are written for."""
-    if not survey.exports:
+    named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
+    if not named:
         return {}
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.exporters.programs import CONTROLS, program_name
 
-    control = next((each.controller for each in survey.exports if each.controller in CONTROLS), "")
+    control = next((name for name in named if name in CONTROLS), "")
     if not control:
         return {}
     sequence = sequence_of(survey)
