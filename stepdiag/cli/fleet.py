@@ -80,6 +80,28 @@ def add(
         typer.echo(json.dumps(rows, indent=2))
 
 
+@archive.command()
+def check(store: StoreName) -> None:
+    """Read every byte of a store, and name each file that is not as it was written.
+
+    Lists, tables, results, logs and index, each against its SHA-256 and against what it follows from.
+    """
+    with extra_needed("fleet"):
+        from stepdiag.fleet import custody
+        from stepdiag.fleet.store import Store
+    from stepdiag.terminal.printable import printable
+
+    place = Store(store)
+    broken = list(custody.check(place))
+    for name, why in broken:
+        typer.echo(printable(f"{name}: {why}"), err=True)
+    if broken:
+        raise DataError(
+            store, expected="files as they were written", found=f"{len(broken)} that are not", remedy="the lines above name each"
+        )
+    typer.echo(f"{store} holds: {len(place.tables())} surveys")
+
+
 def trend(
     store: StoreName,
     machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
