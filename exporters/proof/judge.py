@@ -162,7 +162,7 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function from the readings alone, rms over its positions; 0 where the result does not know it."""
-    found = result.errors.get(function)
+    """Return U of a function (of a product its first one) from the readings alone, rms over its positions; 0 of one that is not known."""
+    found = result.errors.get(function[:3])
     u = None if found is None else found.u if found.u_readings is None else found.u_readings
     return 0.0 if u is None else 2.0 * rms(u)
