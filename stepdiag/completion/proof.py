@@ -72,7 +72,9 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
     name, day = f"{survey.identity.name}-proof-{given.round.name}", datetime.now(tz=UTC).date()
 
     def with_setups(setups: Sequence[str], repeats: int) -> str:
-        plan = msgspec.structs.replace(survey.plan, setups=tuple(setups), repeats=repeats, axis_orders=survey.plan.axis_orders[:1], beam_offset=())
+        plan = msgspec.structs.replace(
+            survey.plan, setups=tuple(setups), repeats=repeats, axis_orders=survey.plan.axis_orders[:1], beam_offset=()
+        )
         return as_proof(text, given.survey.name, name=name, plan=plan, active=active, day=day, proof=proof)
 
     draft = parse_survey(with_setups(survey.plan.setups, 1), given.survey.name)
