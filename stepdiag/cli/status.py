@@ -96,7 +96,7 @@ def _print(found: "Standing") -> None:
     if found.disk:
         typer.echo(str(found.disk))
     if found.changed:
-        words = "`stepdiag run` will begin a new round, from the first setup on; undo the change to go on with these"
+        words = "`stepdiag correct` shows what it changes; another volume, target list or program begins a new round"
         typer.echo(f"The survey file is not the one these logs were recorded with: {words}.")
     for line in _next(found):
         typer.echo(printable(line))
