@@ -14,7 +14,7 @@ RELEASE ?= release
 MINUTES ?= 10
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore mutants soak faults references bench honesty format rooms release deb docs clean
+.PHONY: help demo test matrix explore mutants soak faults references bench honesty custody format rooms release deb docs clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -58,6 +58,12 @@ bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 
 honesty: $(VENV)/.ready ## does what the solver says of itself hold, against exact machines
 	$(VENV)/bin/python -m benchmarks.honesty
+	for each in wrong_tables hasty designs; do PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.$$each || exit 1; done
+
+# ten thousand bits, and machines that stand exactly at their tolerance: half an hour
+custody: $(VENV)/.ready ## is every flipped bit found, and how often is a machine at its limit accepted
+	PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.custody
+	$(VENV)/bin/python -m benchmarks.acceptance
 
 format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .

@@ -83,7 +83,7 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
     for log in opened:
         if log.header.survey_text != text:
             raise DataError(
-                str(log.path), expected=message("file-of", name=opened[0].path.name), found="another one", remedy=message("alone")
+                str(log.path), expected=message("file-of", name=opened[0].path.name), found=message("another-one"), remedy=message("alone")
             )
     if survey_file is not None:
         text = read_text(survey_file)

@@ -16,8 +16,10 @@ def main() -> None:
     neighbour; and sums in one order are the same on every computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from stepdiag.base.disk.system import LINUX
+
     match sys.argv[1:]:
-        case ["run", file] if not file.startswith("-"):
+        case ["run", file] if LINUX and not file.startswith("-"):
             from stepdiag.daemon.service import record
             from stepdiag.terminal.exits import refusals_shown
 

@@ -14,7 +14,7 @@ from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.place.route import Route, agrees, make_route
+from stepdiag.daq.capture.place.route import Route, agrees, route_of
 from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -62,7 +62,8 @@ class ByLaser:
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
         self.setup = next(iter(start.hints))
-        self._routes = {way: make_route(survey.volume, self.setup, survey.axis_order, outward=way) for way in (True, False)}
+        out, back = start.hints[self.setup].numbers
+        self._routes = {True: route_of(survey.planned, self.setup, out), False: route_of(survey.planned, self.setup, back)}
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9
@@ -74,7 +75,7 @@ class ByLaser:
         self._first: _Stand | None = None
         self._left_ns: int | None = None
         self._place: _Place | None = None
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._lost_ns: int | None = None
         self._over_with = False
         self.seen: list[tuple[float, float]] = []
@@ -85,7 +86,7 @@ class ByLaser:
             self._turn(hint.known)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
-        """Return the stops whose standstill is over, and what is to be said."""
+        """Return the stops whose standstill is over, and what is reported."""
         dwells: list[Dwell] = []
         outcomes: list[Outcome] = []
         if now_ns - self._looked_ns < LOOK_NS:
@@ -186,11 +187,11 @@ class ByLaser:
         moved = stand.level_mm - place.levels[place.stop]
         self._say("warning", message("between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected), outcomes)
 
-    def _say(self, severity: Severity, said: Message, outcomes: list[Outcome]) -> None:
+    def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         """Take a finding once a log."""
-        if said.code not in self._said:
-            self._said.add(said.code)
-            outcomes.append(finding(severity, said, Place(setup=self.setup)))
+        if words.code not in self._reported:
+            self._reported.add(words.code)
+            outcomes.append(finding(severity, words, Place(setup=self.setup)))
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
         """Return a standstill as a machine with signals would show it, at the planned position."""

@@ -66,7 +66,7 @@ class Capture:
         self._taker = StopTaker(survey, self.laser, self.head, start, self._outages)
         self._pending = Standstills()
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
-        self._cause = CauseFinder(survey, tuple(start.hints), named=start.named)
+        self._cause = CauseFinder(survey, start.hints, named=start.named)
         self._dwell_before: Dwell | None = None
         self._late_ns = int(survey.plc.latency_s * 1e9)
         self._skip_open = start.skip_open_dwell
@@ -174,10 +174,10 @@ class Capture:
     def _take_stands(self, by_laser: ByLaser, now_ns: int, outcomes: list[Outcome]) -> None:
         """Take the standstills that the laser alone shows."""
         before = len(by_laser.seen)
-        dwells, said = by_laser.look(now_ns)
+        dwells, outcomes_of_laser = by_laser.look(now_ns)
         for ended_ns, level_mm in by_laser.seen[before:]:
             outcomes.extend(self._cause.take(Stand(Signals(stopped=True), level_mm, self._losses(ended_ns)), by_laser.setup, 0))
-        for outcome in said:
+        for outcome in outcomes_of_laser:
             if isinstance(outcome, Ended):
                 self._end(outcome.kind, outcome.reason, outcomes)
             else:
@@ -304,7 +304,7 @@ class Capture:
             self._judge_cause(dwell, outcomes)
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
-            outcomes.extend([found.said_anew()] if found.apart else [])
+            outcomes.extend([found.begun_anew()] if found.apart else [])
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:

@@ -44,9 +44,10 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.base.names import AXES, SETUP_NUMBERS
+from stepdiag.base.readings.runs import Plan
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import Route, make_route
+from stepdiag.daq.capture.log_start import PassHint
+from stepdiag.daq.capture.place.route import Route, route_of
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -161,7 +162,7 @@ class CauseFinder:
     """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named: then no line is."""
 
     survey: Survey
-    hints: Sequence[str]
+    hints: Mapping[str, PassHint]
     named: tuple[str, ...] = ()
     stands: list[Stand] = field(default_factory=list)
     held: list[Finding] = field(default_factory=list)
@@ -253,7 +254,7 @@ class CauseFinder:
         """Yield every hypothesis with the logarithm of its likelihood and prior."""
         shown, steps, count = self._shown_mm(), self._steps_mm(), len(self.stands)
         for outward in (True, False) if setup is not None else ():
-            plain = Cause(make_route(self.survey.volume, setup or "", self.survey.axis_order, outward=outward))
+            plain = Cause(self._route(setup or "", outward=outward))
             yield self._as_stated(plain.route, shown) + self._in_time(plain), plain
         for cause in self._hypotheses(setup, shown, steps):
             if count > len(cause.route):
@@ -312,9 +313,8 @@ class CauseFinder:
         )
 
     def _hypotheses(self, setup: str | None, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
-        survey, order = self.survey, self.survey.axis_order
         if setup is not None:
-            route = make_route(survey.volume, setup, order, outward=True)
+            route = self._route(setup)
             yield from self._laser_causes(route)
             yield from self._time_causes(route)
             if setup_of(setup).is_diagonal:
@@ -353,19 +353,18 @@ class CauseFinder:
     def _order_causes(self, setup: str) -> Iterator[Cause]:
         for order in map("".join, permutations(AXES)):
             if order != self.survey.axis_order:
-                route = make_route(self.survey.volume, setup, order, outward=True)
+                route = self._route(setup, replace(self.survey.planned, axis_order=order))
                 yield Cause(route, kind=f"order {order}", what=message("cause-axis-order", order=order),
                             changes=(("volume.axis_order", f'"{order}"'),))  # fmt: skip
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
         """Yield a box with another length of one axis, as the positions show it, else as the steps do."""
-        box = self.survey.volume
         for axis in range(3):
             for length_mm in self._lengths_mm(axis, shown, steps, setup):
-                volume = _resized(box, axis, length_mm)
-                route = make_route(volume, setup, self.survey.axis_order, outward=True)
+                plan = _resized(self.survey.planned, axis, length_mm)
+                route = self._route(setup, plan)
                 yield Cause(route, free=1, kind=f"box {axis}", what=message("cause-box", axis=AXES[axis].upper(), length_mm=length_mm),
-                            changes=(("volume.size_mm", str([round(value, 4) for value in volume.size_mm])),))  # fmt: skip
+                            changes=(("volume.size_mm", str([round(value, 4) for value in plan.volume.size_mm])),))  # fmt: skip
 
     def _lengths_mm(self, axis: int, shown: Matrix | None, steps: Matrix, setup: str) -> list[float]:
         increments, size = self.survey.volume.increments, self.survey.volume.size_mm[axis]
@@ -373,8 +372,28 @@ class CauseFinder:
             moved = float(np.max(np.abs(np.diff(shown[:, axis])), initial=0.0)) * increments
             lengths = [moved, float(np.max(np.abs(shown[:, axis] - self.survey.volume.origin_mm[axis])))]
         else:
-            lengths = [_length_by_laser(self.survey, setup, axis, steps)]
+            lengths = [self._length_by_laser(setup, axis, steps)]
         return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > BESIDE_MM]
+
+    def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
+        """Return the length of one axis at which the steps fit best, in mm: on a grid, then between its neighbours."""
+        plan, count = self.survey.planned, len(steps) + 1
+
+        def misfit(length_mm: float) -> float:
+            route = self._route(setup, _resized(plan, axis, length_mm))
+            return float(np.nansum((steps - np.diff(route.nominal_mm[:count])) ** 2)) if len(route) >= count else math.inf
+
+        low, high = 0.2 * plan.volume.size_mm[axis], 4.0 * plan.volume.size_mm[axis]
+        for _ in range(6):
+            grid = np.linspace(low, high, 25)
+            best = int(np.argmin([misfit(float(each)) for each in grid]))
+            low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, 24)])
+        return 0.5 * (low + high)
+
+    def _route(self, setup: str, plan: Plan | None = None, *, outward: bool = True) -> Route:
+        """Return the route of the next pass of a setup, of the survey's plan or of another."""
+        out, back = self.hints[setup].numbers if setup in self.hints else (1, 2)
+        return route_of(plan or self.survey.planned, setup, out if outward else back)
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
         """Yield every map of positions on the route that the file states."""
@@ -437,7 +456,7 @@ class CauseFinder:
             number = next((number for number, base in SETUP_NUMBERS.items() if base == setup_of(name).base), None)
             if name == setup or number is None or code is None or setup_of(name).is_fourdof:
                 continue
-            route = make_route(self.survey.volume, name, self.survey.axis_order, outward=True)
+            route = self._route(name)
             what = message("cause-setup-code", code=code, stated=setup or message("unknown-setup"), driven=name)
             yield Cause(route, kind=f"setup {name}", what=what, changes=(("plc.signals.setup.offset", str(number - code)),))
 
@@ -482,24 +501,7 @@ def _laser_change(survey: Survey, factor: float) -> Change:
     return "laser.optics", f"{laser.optics * factor:g}"
 
 
-def _length_by_laser(survey: Survey, setup: str, axis: int, steps: Matrix) -> float:
-    """Return the length of one axis at which the steps fit best, in mm: on a grid, then between its neighbours."""
-    box = survey.volume
-    count = len(steps) + 1
-
-    def misfit(length_mm: float) -> float:
-        route = make_route(_resized(box, axis, length_mm), setup, survey.axis_order, outward=True)
-        return float(np.nansum((steps - np.diff(route.nominal_mm[:count])) ** 2)) if len(route) >= count else math.inf
-
-    low, high = 0.2 * box.size_mm[axis], 4.0 * box.size_mm[axis]
-    for _ in range(6):
-        grid = np.linspace(low, high, 25)
-        best = int(np.argmin([misfit(float(each)) for each in grid]))
-        low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, 24)])
-    return 0.5 * (low + high)
-
-
-def _resized(box: Volume, axis: int, length_mm: float) -> Volume:
-    """Return the box with another length of one axis."""
-    x_mm, y_mm, z_mm = (length_mm if each == axis else value for each, value in enumerate(box.size_mm))
-    return replace(box, size_mm=(x_mm, y_mm, z_mm))
+def _resized(plan: Plan, axis: int, length_mm: float) -> Plan:
+    """Return the plan with another length of one axis of its box."""
+    x_mm, y_mm, z_mm = (length_mm if each == axis else value for each, value in enumerate(plan.volume.size_mm))
+    return replace(plan, volume=replace(plan.volume, size_mm=(x_mm, y_mm, z_mm)))

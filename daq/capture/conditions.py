@@ -22,7 +22,7 @@ from stepdiag.daq.timing.stream import StreamBuffer
 BELIEVED_STOPS = 5
 """A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""
 STALE_NS = 60_000_000_000
-"""What a sensor told longer ago is not its present reading: it has fallen silent."""
+"""What a sensor sent longer ago is not its present reading: it has fallen silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class Teller(Protocol):
     """Who tells of air and material."""
 
     @property
-    def told(self) -> Mapping[str, float]:
-        """What it told last, by the names of the signals."""
+    def conditions(self) -> Mapping[str, float]:
+        """What it sent last, by the names of the signals."""
         ...
 
 
@@ -71,31 +71,31 @@ Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sens
 
 @dataclass(slots=True)
 class Judged:
-    """The signals with what is believed of the sensors; which were ``held``; what is new to be ``said``, and what is to be ``doubted``."""
+    """The signals with what is believed of the sensors; which were ``held``; what is new (``remarks``), and what is ``doubted``."""
 
     signals: Signals
     held: tuple[str, ...] = ()
-    said: list[Message] = field(default_factory=list)
+    remarks: list[Message] = field(default_factory=list)
     doubted: list[Message] = field(default_factory=list)
 
 
 def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int, *, silent: float | None = None) -> Signals:
-    """Return the signals with what the sensor, or the laser's own sensors, told, where the survey takes air and material from them.
+    """Return the signals with what the sensor, or the laser's own sensors, sent, where the survey takes air and material from them.
 
     ``silent`` stands for what it should tell and has not for `STALE_NS`: None, or NaN for who judges it (`Conditions`).
     """
-    told = told_names(survey, sensor)
-    if not told:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
+    names = condition_names(survey, sensor)
+    if not names:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
         return signals
-    fresh = sensor.told_since(now_ns - STALE_NS)
-    return replace(signals, **{name: fresh.get(name, silent) for name in told})  # type: ignore[arg-type]
+    fresh = sensor.conditions_since(now_ns - STALE_NS)
+    return replace(signals, **{name: fresh.get(name, silent) for name in names})  # type: ignore[arg-type]
 
 
-def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
+def condition_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
     """Return the conditions that a sensor or the laser is to tell, and those that the laser tells besides; none where neither is asked."""
     own = promised(survey)
-    told = sensor.told if survey.environment.source == "laser" else ()
-    return (*own, *(name for name in told if name in COURSES and name not in own))
+    own_sensors = sensor.conditions if survey.environment.source == "laser" else ()
+    return (*own, *(name for name in own_sensors if name in COURSES and name not in own))
 
 
 def needed_conditions(survey: Survey) -> tuple[str, ...]:
@@ -107,11 +107,11 @@ def needed_conditions(survey: Survey) -> tuple[str, ...]:
 def believed_before(
     survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int, credible: Mapping[str, Credible]
 ) -> dict[str, Credible]:
-    """Return the values that a log begins with: those of the logs before, and what a sensor has told since as far as it is believed."""
-    fresh = sensor.told_since(now_ns - STALE_NS)
-    told = {name: fresh[name] for name in told_names(survey, sensor) if name in fresh}
+    """Return the values that a log begins with: those of the logs before, and what a sensor has sent since, as far as it is credible."""
+    fresh = sensor.conditions_since(now_ns - STALE_NS)
+    measured = {name: fresh[name] for name in condition_names(survey, sensor) if name in fresh}
     conditions = Conditions(survey, credible)
-    conditions.judge(replace(Signals(), **told), (now_ns + wall_offset_ns) * 1e-9)  # type: ignore[arg-type]
+    conditions.judge(replace(Signals(), **measured), (now_ns + wall_offset_ns) * 1e-9)  # type: ignore[arg-type]
     return conditions.credible
 
 
@@ -143,13 +143,13 @@ class Conditions:
         """Return the value that counts: as it is, the last credible one, or None where there is none."""
         last = self._credible.get(name)
         if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
-            return last.value  # told before this log began
+            return last.value  # of before this log began
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
             judged.doubted.append(message("sensor-jump.believed", found=self._found(name, value, time_s), count=BELIEVED_STOPS))
             code = None
         if code and self._trouble.get(name) != code:
-            judged.said.append(self._in_words(code, name, value, time_s))
+            judged.remarks.append(self._in_words(code, name, value, time_s))
             judged.doubted += self._unknown(name, value)
         self._trouble[name] = code
         if not code:

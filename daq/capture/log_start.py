@@ -18,10 +18,11 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the pass
     before in the other direction: a program that turns round there begins its way back with it. ``believed`` are the readings of the stops
     with which a pass ended and which nobody could place: they were its first ones if the machine goes on by the step that follows from
-    those.
+    those. ``numbers`` are those of the next pass out and the next pass back, which may have an order of axes of their own.
     """
 
     outward: bool = True
+    numbers: tuple[int, int] = (1, 2)
     next_stop: int = 0
     last_reading_mm: float | None = None
     known: dict[int, float] = {}

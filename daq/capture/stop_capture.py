@@ -26,7 +26,7 @@ ROUNDED_MM = 0.1
 """Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty
 increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
-"""A difference is said again where it is larger by so much than what was said of the pass before."""
+"""A difference is reported again where it is larger by so much than the one reported of the pass before."""
 
 FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side"),
@@ -160,7 +160,7 @@ class StopTaker:
         return side or (NOT_ALL_MOVED if self._other_side else None)
 
     def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
-        """Return what is to be said of the last move to a stop; None where it was that of the pass."""
+        """Return the finding of the last move to a stop; None where it was that of the pass."""
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
@@ -175,7 +175,7 @@ class StopTaker:
 
     def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
         """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
-        outcomes += [walk.finding("warning", index, said) for said in troubles(head, dwell)]
+        outcomes += [walk.finding("warning", index, words) for words in troubles(head, dwell)]
         if taken is None:
             outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.head"))
             walk.skip(index, dwell.signals.stop_count)
@@ -249,9 +249,9 @@ def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
 
 
 def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
-    """Return what is said of a break that costs nothing."""
-    said = message("beam-lost.bridged", why=broken) if broken else message("laser-unwatched.bridged", why=unwatched)
-    return walk.finding("info", index, said)
+    """Return the remark of a break that costs nothing."""
+    words = message("beam-lost.bridged", why=broken) if broken else message("laser-unwatched.bridged", why=unwatched)
+    return walk.finding("info", index, words)
 
 
 def _reading_mm(taken: list[Taken]) -> float | None:
@@ -271,23 +271,23 @@ class PositionCheck:
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._said_mm: defaultdict[str, float] = defaultdict(float)
+        self._reported_mm: defaultdict[str, float] = defaultdict(float)
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
-        """Return what is to be said of the commanded position at a stop; nothing where the register cannot tell it from the plan's."""
+        """Return the finding of the commanded position at a stop; nothing where the register cannot distinguish it from the plan's."""
         if signals.commanded_mm is None:
             return []
         rows = zip("xyz", signals.commanded_mm, walk.route.planned_mm(stop), strict=True)
         beyond = [(abs(here - plan), axis, here, plan) for axis, here, plan in rows if abs(here - plan) > self._resolution_mm(axis, plan)]
         worst = max(beyond, default=None)
-        if worst is None or worst[0] <= AGAIN * self._said_mm[walk.name]:
+        if worst is None or worst[0] <= AGAIN * self._reported_mm[walk.name]:
             return []
         off_mm, axis, here, plan = worst
-        self._said_mm[walk.name] = off_mm
+        self._reported_mm[walk.name] = off_mm
         off_um = (here - plan) * 1e3
-        said = message("position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um)
+        words = message("position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um)
         severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
-        return [walk.finding(severity, stop, said)]
+        return [walk.finding(severity, stop, words)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:
         spec = self._signals.get(f"{axis}_mm")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Words, message
 
 Kind = Literal["bit", "word"]
 Value = bool | float | None
@@ -35,7 +36,7 @@ _COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {
     ">=": operator.ge,
 }
 _WORDS = ("and", "or", "not", "latch")
-_WANTED = {"bit": "yes or no (a bit, a comparison)", "word": "a number (a word, a figure, latch(...))"}
+_WANTED = {"bit": message("wanted-bit"), "word": message("wanted-word")}
 
 
 @dataclass(slots=True)
@@ -77,12 +78,12 @@ class _Parser:
         self._tokens = [] if len(text) > MOST_CHARACTERS else _tokens(text)
         self._next = self._depth = 0
         if len(text) > MOST_CHARACTERS:
-            raise UsageError(where, expected=f"an expression of at most {MOST_CHARACTERS} characters", found=f"{len(text)} characters")
+            raise UsageError(where, expected=message("characters-most", count=MOST_CHARACTERS), found=str(len(text)))
 
     def whole(self) -> Expression:
         found = self._either()
         if self._here.what != "end":
-            raise self._refusal("and, or, a comparison, or the end")
+            raise self._refusal(message("expression-goes-on"))
         return found
 
     @property
@@ -137,12 +138,12 @@ class _Parser:
         if token.what == "name" and token.text not in _WORDS:
             self._next += 1
             return self._named(token)
-        raise self._refusal("a name, a number, latch( or (")
+        raise self._refusal(message("expression-begins"))
 
     def _number(self) -> Expression:
         minus = bool(self._takes("-"))
         if self._here.what != "number":
-            raise self._refusal("a number")
+            raise self._refusal(message("a-number"))
         figure = -float(self._here.text) if minus else float(self._here.text)
         self._next += 1
         return Expression("word", frozenset(), lambda _inputs, _memory: figure)
@@ -150,7 +151,7 @@ class _Parser:
     def _named(self, token: _Token) -> Expression:
         name = token.text
         if name not in self._kinds:
-            raise self._refusal(f"one of {', '.join(sorted(self._kinds)) or 'no inputs at all'}", token)
+            raise self._refusal(message("one-of", names=sorted(self._kinds) or ["-"]), token)
         if self._kinds[name] == "bit":
             return Expression("bit", frozenset([name]), lambda inputs, _: None if inputs[name] is None else bool(inputs[name]))
         return Expression("word", frozenset([name]), lambda inputs, _: inputs[name])
@@ -173,7 +174,7 @@ class _Parser:
     def _deeper(self, part: Callable[[], Expression]) -> Expression:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise self._refusal(f"at most {DEEPEST} levels of brackets and not")
+            raise self._refusal(message("levels-at-most", count=DEEPEST))
         found = part()
         self._depth -= 1
         return found
@@ -194,9 +195,11 @@ class _Parser:
             raise self._refusal(_WANTED[kind], at)
         return found
 
-    def _refusal(self, expected: str, at: _Token | None = None) -> UsageError:
+    def _refusal(self, expected: Words, at: _Token | None = None) -> UsageError:
         token = at or self._here
-        found = f"{token.text!r} at character {token.at + 1} of {self._text!r}" if token.text else f"the end of {self._text!r}"
+        found = message("at-character", token=repr(token.text), place=token.at + 1, text=repr(self._text))
+        if not token.text:
+            found = message("end-of-text", text=repr(self._text))
         return UsageError(self._where, expected=expected, found=found)
 
 

@@ -41,7 +41,7 @@ def recognise(heard: bytes) -> str:
 def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
     """Return the message of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
 
-    ``heard`` are its first bytes of ``count``, ``remark`` what its decoder said last.
+    ``heard`` are its first bytes of ``count``, ``remark`` the last remark of its decoder.
     """
     found = remark or message("not-one-reading", count=count)
     looks = recognise(heard)

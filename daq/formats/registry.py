@@ -1,6 +1,7 @@
 """Wire formats by name."""
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.instruments.air import AirDecoder, AirSettings, AskedAirDecoder
 from stepdiag.daq.formats.instruments.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
@@ -63,5 +64,5 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901,
             return AskedAnglesDecoder(settings)
         case _, AirSettings() if name in AIR_FORMATS:
             return AskedAirDecoder(settings) if settings.request else AirDecoder(settings)
-    known = ", ".join((*LASER_FORMATS, *HEAD_FORMATS))
-    raise UsageError("survey: format", expected=f"one of {known} with its own settings", found=f"{name!r} with {type(settings).__name__}")
+    known = message("format-with-settings", names=[*LASER_FORMATS, *HEAD_FORMATS])
+    raise UsageError("survey: format", expected=known, found=f"{name!r}: {type(settings).__name__}")

@@ -155,7 +155,7 @@ def _joins(last: ReadRange, spec: SignalSpec) -> bool:
 class SignalDecoder:
     """Decodes the blocks of one register map.
 
-    Polls mostly repeat what the poll before said: an unchanged block gives the same object again.
+    Polls mostly repeat the poll before: an unchanged block gives the same object again.
     """
 
     def __init__(self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})) -> None:
@@ -181,9 +181,9 @@ class SignalDecoder:
             self._ranges = block.ranges
         if block.data != self._data:
             _check_lengths(block)
-            said = {name: self._value(name, block.data) for name in self._signals if name in SIGNAL_NAMES}
+            values = {name: self._value(name, block.data) for name in self._signals if name in SIGNAL_NAMES}
             made = {name: self._made(name, block.data) for name in self._expressions}
-            self._decoded = Signals(**said | made)  # type: ignore[arg-type]  # each is typed by its name
+            self._decoded = Signals(**values | made)  # type: ignore[arg-type]  # each is typed by its name
             self._data = block.data
         return self._decoded
 
@@ -230,10 +230,10 @@ def _check_lengths(block: ModbusBlock) -> None:
     for asked, data in zip(block.ranges, block.data, strict=True):
         if data and len(data) != asked.byte_count:
             raise DataError(
-                f"answer for {asked.table} {asked.address}",
+                message("answer-for", place=f"{asked.table} {asked.address}"),
                 expected=message("expects-bytes", count=asked.byte_count),
                 found=f"{len(data)}",
-                remedy="check the unit and whether a gateway changes the length of requests",
+                remedy=message("check-unit-gateway"),
             )
 
 
@@ -244,9 +244,9 @@ def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[t
         return places
     raise DataError(
         f"signal {name}",
-        expected=f"a block that holds {describe(spec)}",
-        found=", ".join(f"{asked.table} {asked.address}+{asked.count}" for asked in ranges) or "no ranges",
-        remedy="the block was read with another register map: use the survey file it was recorded with",
+        expected=message("block-with", place=describe(spec)),
+        found=", ".join(f"{asked.table} {asked.address}+{asked.count}" for asked in ranges) or message("none"),
+        remedy=message("other-register-map"),
     )
 
 

@@ -98,7 +98,7 @@ class Reconnector:
 
 
 def raise_if_cancelled() -> None:
-    """End here where this task was told to end while an answer came: before Python 3.12 `asyncio.wait_for`, in which the client
+    """End here where this task was cancelled while an answer came: before Python 3.12 `asyncio.wait_for`, in which the client
     waits, then returns the answer and forgets the order, and the daemon would never stop.
     """
     task = asyncio.current_task()

@@ -268,7 +268,7 @@ def _blocks(polls: _Blocks) -> list[Event]:
     _require_clock(start, [received - answer for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)])
     ranges = tuple(_range(text) for text in polls.ranges.split("|"))
     events: list[Event] = []
-    before: str | None = None  # polls mostly repeat what the poll before said
+    before: str | None = None  # polls mostly repeat the poll before
     data: tuple[bytes, ...] = ()
     for recv_us, answer_us, text in zip(polls.recv_us, polls.answer_us, polls.data, strict=True):
         recv_ns = start + recv_us * US

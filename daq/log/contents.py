@@ -14,6 +14,7 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metad
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES
+from stepdiag.base.messages import message
 from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
 from stepdiag.daq.log.reader import DAMAGE, RecordReader, stored_bytes
 from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
@@ -138,7 +139,7 @@ class _Walk:
 def must_be_there(path: Path) -> None:
     """Raise UsageError where nothing is at a path that somebody named."""
     if not path.exists():
-        raise UsageError(str(path), expected="a log (*.mcap) or a folder of logs", found="nothing of this name")
+        raise UsageError(str(path), expected=message("log-or-folder"), found=message("nothing-of-name"))
 
 
 def open_log(path: Path) -> Log:
@@ -162,14 +163,17 @@ def open_log(path: Path) -> Log:
                 return Log(reader.path, _header(reader.path, metadata, record.data))
             case _:
                 break
-    found = "nothing" if stored_bytes(reader.path) == 0 else reader.damage or "another order of records"
-    expected = "the start of a log: run, clock and survey" if library else "a log of stepdiag (MCAP)"
-    raise DataError(str(path), expected=expected, found=found, remedy="it was cut off before anything was recorded" if library else "")
+    found = message("nothing") if stored_bytes(reader.path) == 0 else reader.damage or message("other-record-order")
+    if not library:
+        raise DataError(str(path), expected=message("log-of-stepdiag"), found=found)
+    raise DataError(str(path), expected=message("start-of-log"), found=found, remedy=message("cut-off-before-start"))
 
 
 def _check_library(path: Path, library: str) -> None:
     if library.split(" ", maxsplit=1)[0] != LIBRARY:
-        raise DataError(str(path), expected="a log of stepdiag", found=f"a file of {library or 'an unnamed program'}")
+        raise DataError(
+            str(path), expected=message("log-of-stepdiag"), found=message("file-of-program", name=library or message("unnamed-program"))
+        )
 
 
 def _check_version(path: Path, metadata: dict[str, dict[str, str]]) -> None:
@@ -177,25 +181,23 @@ def _check_version(path: Path, metadata: dict[str, dict[str, str]]) -> None:
     if found != str(LOG_VERSION):
         raise DataError(
             str(path),
-            expected=f"log version {LOG_VERSION}",
-            found=found or "no version",
-            remedy="read it with the version of stepdiag that wrote it, see `stepdiag --version`",
+            expected=message("log-version", version=str(LOG_VERSION)),
+            found=found or message("none"),
+            remedy=message("read-with-its-version"),
         )
 
 
 def _header(path: Path, metadata: dict[str, dict[str, str]], survey: bytes) -> LogHeader:
     run, clock = metadata[RUN], metadata.get(CLOCK, {})
     if len(survey) > LARGEST_SETTINGS_BYTES:
-        raise DataError(str(path), expected=f"a survey file of at most {LARGEST_SETTINGS_BYTES} bytes", found=str(len(survey)))
+        raise DataError(str(path), expected=message("survey-at-most", count=LARGEST_SETTINGS_BYTES), found=str(len(survey)))
     try:
         text = survey.decode("utf-8")
         offset_ns, start_ns = int(clock["wall_minus_monotonic_ns"]), int(clock["start_mono_ns"])
         if not (0 <= start_ns < MAX_TIME_NS and 0 <= start_ns + offset_ns < MAX_TIME_NS):
             raise ValueError(f"a clock at {start_ns} + {offset_ns} ns")
     except (UnicodeDecodeError, KeyError, ValueError) as error:
-        raise DataError(str(path), expected="the clock and the survey of a log", found=f"{error!r}") from error
+        raise DataError(str(path), expected=message("clock-and-survey"), found=f"{error!r}") from error
     if survey_digest(text) != run.get("survey_sha256"):
-        raise DataError(
-            str(path), expected="the survey file as it was recorded", found="another SHA-256", remedy="the log is damaged at its start"
-        )
+        raise DataError(str(path), expected=message("survey-as-recorded"), found=message("another-one"), remedy=message("damaged-at-start"))
     return LogHeader(survey_text=text, wall_offset_ns=offset_ns, start_ns=start_ns, run=run, clock=clock)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
+from stepdiag.base.messages import message
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.log.reader import stored_bytes
 from stepdiag.daq.records.events import Chunk, LinkEvent, Loss, Stream
@@ -58,7 +59,7 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
     survey = parse_survey(text, source) if survey_file is None else parse_survey(read_text(survey_file), survey_file.name)
     made = decoders(survey)
     if stream not in made:
-        raise UsageError("--stream", expected=f"{' or '.join(made)}: this survey has no other stream", found=stream)
+        raise UsageError("--stream", expected=message("streams-of-survey", names=list(made)), found=stream)
     buffer, begun_ns, any_yet, lines = StreamBuffer(made[stream]), None, False, 0
     most = MOST_LINES + MOST_LINES_PER_BYTE * stored_bytes(log.path)
     for event in log.events():
@@ -66,7 +67,7 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
             case Chunk() if event.stream == stream:
                 lines += max(event.data.count(end) for end in b"\r\n")
                 if lines > most:
-                    raise DataError(log.path.name, expected=f"at most {most} lines in so many bytes", found=f"{lines} and more")
+                    raise DataError(log.path.name, expected=message("lines-most", count=most), found=str(lines))
                 buffer.feed(event.data, event.arrival_ns)
                 begun_ns = begun_ns or event.arrival_ns
                 if event.arrival_ns - begun_ns >= AT_ONCE_NS:
@@ -81,7 +82,12 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
                 pass
     yield from (found := _blocks(buffer, log))
     if not (any_yet or found):
-        raise DataError(log.path.name, expected=f"samples of the {stream}", found="none", remedy=f"streams: {', '.join(get_args(Stream))}")
+        raise DataError(
+            log.path.name,
+            expected=message("samples-of", stream=stream),
+            found=message("none"),
+            remedy=message("streams-are", names=get_args(Stream)),
+        )
 
 
 def _blocks(buffer: StreamBuffer, log: Log) -> list[Decoded]:

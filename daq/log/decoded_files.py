@@ -12,6 +12,7 @@ from mcap.records import Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.log.codec import LogClock
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.log.decoded import Decoded
@@ -33,8 +34,8 @@ def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded])
             columns = block.columns()
             if not count:
                 writer.writerow(columns)
-            told = [[_plain(value) for value in column.tolist()] for column in columns.values()]
-            writer.writerows(zip(*told, strict=True))
+            texts = [[_plain(value) for value in column.tolist()] for column in columns.values()]
+            writer.writerows(zip(*texts, strict=True))
             count += len(block.time_ns)
     return count
 
@@ -45,8 +46,7 @@ def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
-        remedy = "install the extra: pip install 'stepdiag[parquet]', or use --to csv"
-        raise UsageError("--to parquet", expected="the library pyarrow", found="none", remedy=remedy) from error
+        raise UsageError("--to parquet", expected=message("pyarrow"), found=message("none"), remedy=message("install-parquet")) from error
     count, writer = 0, None
     try:
         for block in blocks:

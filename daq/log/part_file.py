@@ -4,12 +4,14 @@ import errno
 import os
 from pathlib import Path
 
+from stepdiag.base.disk.system import NEW_FILE, sync_file, sync_folder
+
 PART_SUFFIX = ".part"
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 class PartFile:
-    """Takes bytes into memory and drains them to disk when told.
+    """Takes bytes into memory and drains them to disk on request.
 
     The writer above never sees the disk fail: what a full disk refuses stays here, to be drained when there is space again, so
     that no record is torn in the middle of the file. Not safe for use from two threads.
@@ -21,7 +23,7 @@ class PartFile:
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
         self.path = path
         self.part = path.with_name(path.name + suffix)
-        self._descriptor = os.open(self.part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._descriptor = os.open(self.part, NEW_FILE, 0o644)
         self._waiting = bytearray()
         self._written = 0
 
@@ -51,7 +53,7 @@ class PartFile:
 
     def sync(self) -> None:
         """Wait until the bytes drained so far would survive a power failure."""
-        os.fdatasync(self._descriptor)
+        sync_file(self._descriptor)
 
     def publish(self) -> None:
         """Give the whole file its name. Raises FileExistsError when another has it: the part then stays.
@@ -61,7 +63,7 @@ class PartFile:
         os.fsync(self._descriptor)
         if self.part.exists():
             self._rename()
-        _sync_folder(self.path.parent)
+        sync_folder(self.path.parent)
 
     def _rename(self) -> None:
         if self.path.exists() and self.path.samefile(self.part):
@@ -81,11 +83,3 @@ class PartFile:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -1,7 +1,7 @@
 """The recorder: a thread of its own that writes logs, so that no disk ever holds up the reading of an instrument.
 
 `Recorder.admit` never blocks. It answers with the events that are recorded, in the order in which they will be replayed, and only
-those may be consumed: where the disk cannot follow, events are refused, counted, and told in the log as a `Loss`. A full disk stops
+those may be consumed: where the disk cannot follow, events are refused, counted, and noted in the log as a `Loss`. A full disk stops
 the recording; it goes on by itself, with nothing torn, when there is space.
 """
 
@@ -94,7 +94,7 @@ class Recorder:
         self._lost_bytes = 0
         self._lost_events = 0
         self._lost_before_log = 0
-        self._loss_told = 0
+        self._loss_noted = 0
         self._state: State = "idle"
         self._reason: Words = ""
         self._log: _OpenLog | None = None
@@ -127,7 +127,7 @@ class Recorder:
         """Take the next event; return what may be consumed: the event, a `Loss` before it after a gap, or nothing when it is refused."""
         event = whole_us(event)
         size = size_of(event)
-        gap = self._lost_events > self._loss_told
+        gap = self._lost_events > self._loss_noted
         if self._state == "dead" or self._backlog + size > (self._limit // 2 if gap else self._limit):
             self._lost_events += 1
             self._lost_bytes += size
@@ -148,7 +148,7 @@ class Recorder:
         """Take the note of a captured stop, or of the end of its pass, and write it at once, with all that came before it.
 
         ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed process would not lose it any more: not
-        before may anybody be told of it. A note that a full disk refuses is kept; one that a dead recorder cannot take is never saved.
+        before may it be reported. A note that a full disk refuses is kept; one that a dead recorder cannot take is never saved.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))
@@ -175,9 +175,9 @@ class Recorder:
         self._items.append((size, item))
 
     def _loss(self, time_ns: int) -> Loss:
-        events = self._lost_events - self._loss_told
+        events = self._lost_events - self._loss_noted
         loss = Loss(time_ns, events, self._lost_bytes, self._reason or message("disk-slower"))
-        self._loss_told, self._lost_bytes = self._lost_events, 0
+        self._loss_noted, self._lost_bytes = self._lost_events, 0
         return loss
 
     # From here on: the recorder's own thread.

@@ -107,14 +107,13 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
         pass
     end = _end_of(log.end)
     if end.whole:
-        raise DataError(str(path), expected="a log that was cut off", found="a whole log", remedy="there is nothing to mend")
+        raise DataError(str(path), expected=message("log-cut-off"), found=message("whole-log"))
     if target.exists():
-        remedy = "a log is never overwritten: move it away, or name another target"
-        raise DataError(str(target), expected=message("new-file"), found=message("exists"), remedy=remedy)
+        raise DataError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("log-not-overwritten"))
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise UsageError(str(target), expected=message("expects-file-written"), found=system_words(error)) from error
+        raise UsageError(str(target), expected=message("file-can-be-written"), found=system_words(error)) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 

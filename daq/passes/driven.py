@@ -136,8 +136,8 @@ class Pass:
             zero = self._zero_at(stop.stop)
             if zero is not None and zero.doubt and zero.doubt not in of_zeros:
                 of_zeros[zero.doubt] = self.doubted(stop, zero.code, message("from-this-stop", why=zero.doubt), zero.size_um)
-        said = {(each.stop, each.code) for each in of_stops}
-        of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in said]
+        known = {(each.stop, each.code) for each in of_stops}
+        of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in known]
         taken_ns = {index: stop.window_from_ns for index, stop in self.chosen().items()}
         newest_ns = max(taken_ns.values(), default=0)
         held = [each for each in self.suspected if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))]

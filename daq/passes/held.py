@@ -55,7 +55,7 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
 
 
 def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = ()) -> tuple[Held, ...]:
-    """Return the conditions of the air that the readings depend on and that no sensor told at some of the stops in use.
+    """Return the conditions of the air that the readings depend on and that no sensor measured at some of the stops in use.
 
     What the survey file says counted there. None where a person stated them, in the file or afterwards; the material's temperature the
     solver sees to itself.

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable
 
+from msgspec.structs import replace
+
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.place.route import Route, make_route
+from stepdiag.daq.capture.place.route import Route, route_of
 from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
@@ -24,6 +26,7 @@ class PassBook:
 
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
+        self._planned = survey.planned
         self._stretch = 0
         self.last: CapturedStop | None = None
         self.preferred = ""
@@ -40,7 +43,7 @@ class PassBook:
         self._same_um = same_um(assumptions_of(survey).repeatability_um)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
-        self._foretold: list[tuple[int, tuple[Doubt, ...]]] = []
+        self._suspicions: list[tuple[int, tuple[Doubt, ...]]] = []
         self._news: list[Finding] = []
 
     @property
@@ -55,8 +58,8 @@ class PassBook:
 
     def add(self, stop: CapturedStop) -> Pass:
         """Take the next stop; return the pass it belongs to."""
-        while self._foretold and self._foretold[0][0] <= self.stops:
-            self.suspect(self._foretold.pop(0)[1])
+        while self._suspicions and self._suspicions[0][0] <= self.stops:
+            self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
         current = self.driven = self._current(stop)
         slip_um = current.differs_um(stop, self._stretch)
@@ -101,7 +104,7 @@ class PassBook:
 
         A stop driven because its pass was suspected belongs to that pass; without this it would be one of a further pass.
         """
-        self._foretold = list(suspicions)
+        self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
         """Take a person's word for a doubt; the same one again says nothing new."""
@@ -116,7 +119,7 @@ class PassBook:
 
     def last_stop(self, stop: CapturedStop) -> int:
         """Return the number of the last stop of the pass that a stop belongs to: ``stop 5 of 30``."""
-        return len(make_route(self._survey.volume, stop.setup, self._survey.axis_order, outward=stop.outward)) - 1
+        return len(route_of(self._planned, stop.setup, 1)) - 1
 
     def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
         """Return what a stop reads in mm and by how much that deviates from the geometry in um, relative to the first stop of its pass.
@@ -182,6 +185,15 @@ class PassBook:
         )
 
     def _hint(self, setup: str) -> PassHint:
+        numbers = (self._next(setup, outward=True), self._next(setup, outward=False))
+        return replace(self._standing(setup), numbers=numbers)
+
+    def _next(self, setup: str, *, outward: bool) -> int:
+        """Return the number of the pass that a stop in a direction would go into."""
+        found = self._find(setup, outward=outward)
+        return found.number if found is not None and not found.complete else self._after(setup, outward=outward)
+
+    def _standing(self, setup: str) -> PassHint:
         still_open = self.open_passes(setup)
         wanted, outward = bool(still_open), not still_open or still_open[0] % 2 == 1
         last = self.last
@@ -214,8 +226,8 @@ class PassBook:
         found = self._find(stop.setup, outward=stop.outward)
         if found is not None and not found.complete:
             return found
-        route = make_route(self._survey.volume, stop.setup, self._survey.axis_order, outward=stop.outward)
-        fresh = Pass(route, self._number(stop), self._placed, self._acceptances, same_um=self._same_um)
+        number = self._after(stop.setup, outward=stop.outward)
+        fresh = Pass(route_of(self._planned, stop.setup, number), number, self._placed, self._acceptances, same_um=self._same_um)
         self.passes.append(fresh)
         return fresh
 
@@ -228,13 +240,12 @@ class PassBook:
         driven = self.driven
         if driven is not None and (driven.route.setup, driven.route.outward) == (route.setup, route.outward) and not driven.complete:
             return driven.number
-        found = self._find(route.setup, outward=route.outward)
-        return found.number if found is not None and not found.complete else self._number(route)
+        return self._next(route.setup, outward=route.outward)
 
-    def _number(self, stop: CapturedStop | Route) -> int:
+    def _after(self, setup: str, *, outward: bool) -> int:
         """Return the number of a new pass: odd outward, even back; without return passes 1, 3, 5."""
-        same = sum(1 for each in self.of(stop.setup) if each.route.outward == stop.outward)
-        return 2 * same + (1 if stop.outward else 2)
+        same = sum(1 for each in self.of(setup) if each.route.outward == outward)
+        return 2 * same + (1 if outward else 2)
 
 
 def _believed_only(stop: CapturedStop) -> bool:

@@ -73,7 +73,7 @@ def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Ve
     """Return the one step of a pass that is unlike the others of its axis, or None.
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` the axis and ``nominal_mm`` the nominal size of each. Tilt of the
-    mirror and scale of the axis make all steps of an axis alike. Of few steps only what no axis does is told; None too where an axis makes
+    mirror and scale of the axis make all steps of an axis alike. Of few steps what no axis does is reported; None too where an axis makes
     a single one.
     """
     found = []

@@ -8,7 +8,8 @@ import numpy as np
 from stepdiag.base.conditions.air import Air, Done, displacement_mm, refractive_index
 from stepdiag.base.conditions.expansion import expansion_um, reading_at_20_c_mm
 from stepdiag.base.readings.readings import Readings, make_readings
-from stepdiag.base.volume import Vector, diagonal_direction
+from stepdiag.base.readings.runs import beam_mm
+from stepdiag.base.volume import Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
@@ -80,8 +81,8 @@ def in_this_air(survey: Survey, first: Pass, stops: Sequence[CapturedStop], read
 
 
 def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: Sequence[CapturedStop], readings: Vector) -> Vector:
-    travel_of = each.route.travel
-    along = diagonal_direction(survey.volume, travel_of.base) if travel_of.is_diagonal else np.eye(3)["xyz".index(travel_of.axis)]
+    way = np.array(each.route.travel.signs) * np.array(survey.volume.size_mm)
+    along = way / np.linalg.norm(way)
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
     travel = np.array([np.subtract(stop.position_mm, origin.position_mm) for stop in stops])
     grown = expansion_um(travel, along, survey.machine.expansion_um_m_c, temperature)
@@ -93,9 +94,7 @@ def _beam(survey: Survey, each: Pass) -> Vector:
     setup, count = each.route.travel, len(each.route)
     if not setup.shift:
         return np.full((count, 3), np.nan)
-    shifts = [offset.offset_mm for offset in survey.plan.beam_offset if offset.setup == setup.base]
-    corner = np.where(np.array(setup.signs) > 0, 0.0, np.array(survey.volume.size_mm)) + np.array(survey.volume.origin_mm)
-    return np.tile(corner + np.array(shifts[setup.shift - 1]), (count, 1))
+    return np.tile(beam_mm(survey.planned, survey.planned.run_of(setup.name)), (count, 1))
 
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:

@@ -1,4 +1,4 @@
-"""What is to be said of a survey in the end: what is doubted still, what a person accepted, what stands in for a sensor, and what happened.
+"""The findings of a survey in the end: what is doubted still, what a person accepted, what stands in for a sensor, and what happened.
 
 A finding belongs to the stop it was made at and leaves with it: what was cured by driving again is history, and hinders nobody.
 """
@@ -102,9 +102,9 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
         yield finding("warning", message("conditions-held", name=CONDITIONS[held.name], stops=held.stops, count=stops, u=u))
 
 
-def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iterator[Finding]:
-    """Yield which conditions of the air nobody told, at how many of the ``stops``, what counts in their place and how sure that is."""
-    for one in unsaid:
+def assumed_findings(survey: Survey, stops: int, unmeasured: Iterable[Held]) -> Iterator[Finding]:
+    """Yield which conditions of the air no sensor measured, at how many of the ``stops``, what counts in their place and how sure."""
+    for one in unmeasured:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
         stated, u = message("value", value=value, unit=unit), message("with-unit", value=one.u, unit=unit)
         yield finding("warning", message("air-unknown.result", name=CONDITIONS[one.name], stops=one.stops, count=stops, stated=stated, u=u))

@@ -8,7 +8,9 @@ of its own.
 
 import hashlib
 import os
+import struct
 import threading
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.recovery import copy_record
@@ -34,6 +37,10 @@ MARK = ".packed"
 _ONE_AT_A_TIME = threading.Lock()
 _SUFFIX = ".packing"
 _DRAIN_BYTES = 4_000_000
+_MAGIC = b"\x89MCAP0\r\n"
+_DATA_END = struct.pack("<BQ", 0x0F, 4)
+_FOOTER = struct.Struct("<QQI")
+"""Where the index starts, where its offsets start, and its checksum: the end of a log before the magic bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +89,7 @@ def pack(log: Path) -> int:
         file.close()
     if digest(part) != wanted:
         part.unlink()
-        raise DataError(
-            str(log), expected="a packed log with the same records", found="other ones", remedy="report this; the log is as it was"
-        )
+        raise DataError(str(log), expected=message("same-records"), found=message("other-records"), remedy=message("report-log-unchanged"))
     after = part.stat().st_size
     os.utime(part, ns=(before.st_atime_ns, before.st_mtime_ns))
     part.replace(log)
@@ -98,6 +103,21 @@ def digest(log: Path) -> str:
         if isinstance(record, Schema | Channel | Message | Metadata | Attachment):
             sum_of.update(repr(_content(record)).encode())
     return "" if reader.damage else sum_of.hexdigest()
+
+
+def index_holds(log: Path) -> bool:
+    """Return whether the index behind the records of a whole log is as it was written: the digest of what a log says leaves it out.
+
+    Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of everything from ``summary_start`` to the checksum itself; 0 is none. The record
+    before it is DataEnd: readers pass over one of a kind that they do not know.
+    """
+    data = log.read_bytes()
+    if len(data) < _FOOTER.size + len(_MAGIC):
+        return False
+    start: int
+    start, _, checksum = _FOOTER.unpack(data[-_FOOTER.size - len(_MAGIC) : -len(_MAGIC)])
+    ends = data[: max(start - 4, 0)].endswith(_DATA_END)
+    return ends and checksum in {zlib.crc32(data[start : -4 - len(_MAGIC)])} - {0}
 
 
 def _content(record: McapRecord) -> tuple[object, ...]:

@@ -38,10 +38,11 @@ NEW_ROUND = (
     "plan.setups",
     "plan.return_pass",
     "plan.repeats",
+    "plan.targets",
     "plan.beam_offset",
 )
 """What changes how the machine is driven: another volume, target list or program."""
-READING = ("volume.axis_order", "laser", "plc", "head", "stop", "environment")
+READING = ("volume.axis_order", "plan.axis_orders", "laser", "plc", "head", "stop", "environment")
 """What changes how registers and laser are read."""
 WAYS = (
     "port",

@@ -10,24 +10,24 @@ from stepdiag.daq.formats.signals import Signals
 LEAST_PATIENCE_S = 1.0
 """A stop takes its window and a few polls even where the plan asks for a shorter dwell."""
 MOST_TIMES = 3
-"""A machine that has never moved on is told so often before it is named."""
+"""A machine that has never moved on gets the answer so often before it is named."""
 
 
 class Handshake:
-    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell is told again, or named.
+    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell gets the answer again, or is named.
 
-    ``tell`` takes a stop count; ``owed`` is that of the last stop in the logs, in case a daemon died before it told the machine.
+    ``tell`` takes a stop count; ``owed`` is that of the last stop in the logs, in case a daemon died before it wrote to the machine.
     ``alarm`` says in words that the machine waits in vain; empty while it does not.
     """
 
     def __init__(self, tell: Callable[[int], None], owed: int | None, dwell_s: float) -> None:
         self._tell = tell
-        self._told = owed
-        self._told_ns: int | None = None
+        self._written = owed
+        self._written_ns: int | None = None
         self._patience_ns = int(max(dwell_s, LEAST_PATIENCE_S) * 1e9)
         self._waits_at: int | None = None
         self._since_ns = 0
-        self._told_times = 0
+        self._written_times = 0
         self._worked = False
         self._refused: Words = ""
         self.alarm: Words = ""
@@ -35,11 +35,11 @@ class Handshake:
     def captured(self, stop: CapturedStop) -> None:
         """Take a stop; one that was recovered afterwards has been left long ago."""
         if stop.stop_count is not None and not stop.recovered:
-            self._told, self._told_ns = stop.stop_count, self._since_ns
+            self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
     def written(self, refused: Words) -> Finding | None:
-        """Hear whether the machine took what was written, and why it did not; return what is to be said of that, once."""
+        """Hear whether the machine took what was written, and why it did not; return its finding, once."""
         before, self._refused = self._refused, refused
         if not refused or before:
             return None
@@ -47,14 +47,14 @@ class Handshake:
         return finding("error", text)
 
     def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]) -> Finding | None:
-        """Look at a poll; tell again what the machine has not heard, and return what is to be said of one that waits in vain."""
+        """Look at a poll; write again what the machine has not read, and return the finding of one that waits in vain."""
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
-            self._worked = self._worked or (self._waits_at is not None and self._waits_at == self._told)
-            self._waits_at, self._since_ns, self._told_times, self.alarm = count, now_ns, 0, ""
+            self._worked = self._worked or (self._waits_at is not None and self._waits_at == self._written)
+            self._waits_at, self._since_ns, self._written_times, self.alarm = count, now_ns, 0, ""
         if count is None:
             return None
-        if count == self._told:
+        if count == self._written:
             self._tell_again(count, now_ns)
         if self.alarm or not self._in_vain(count, now_ns):
             return None
@@ -62,23 +62,23 @@ class Handshake:
         return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
-        """Tell a machine that still stands there: its PLC may have started again, or the last daemon died before it told."""
-        if self._told_ns is None or now_ns - self._told_ns > self._patience_ns:
-            self._told_ns = now_ns
-            self._told_times += 1
+        """Tell a machine that still stands there: its PLC may have started again, or the last daemon died before it wrote."""
+        if self._written_ns is None or now_ns - self._written_ns > self._patience_ns:
+            self._written_ns = now_ns
+            self._written_times += 1
             self._tell(count)
 
     def _in_vain(self, count: int, now_ns: int) -> bool:
         """Tell whether it waits in vain: nobody answers, or it does not hear. One that has heard before may stand for its own reasons."""
-        if count == self._told:
-            return bool(self._refused) or (not self._worked and self._told_times >= MOST_TIMES)
+        if count == self._written:
+            return bool(self._refused) or (not self._worked and self._written_times >= MOST_TIMES)
         return now_ns - self._since_ns > self._patience_ns
 
     def _in_words(self, count: int, now_ns: int, waits_for: Words) -> Message:
-        waited_s, written = (now_ns - self._since_ns) * 1e-9, message("nothing") if self._told is None else str(self._told)
+        waited_s, written = (now_ns - self._since_ns) * 1e-9, message("nothing") if self._written is None else str(self._written)
         if self._refused:
             return message("handshake-waits.not-taken", waited_s=waited_s, count=count, written=written, why=self._refused)
-        if count == self._told:
+        if count == self._written:
             return message("handshake-waits.elsewhere", waited_s=waited_s, count=count, written=written)
         return message("handshake-waits", waited_s=waited_s, count=count, written=written, why=waits_for)
 

@@ -37,7 +37,7 @@ class _Ear:
     last_ns: int = 0
     understood: bool = False
     before: bool = False
-    said: bool = False
+    reported: bool = False
     looked_ns: int = 0
     looked_at: int = 0
 
@@ -46,18 +46,18 @@ class _Ear:
         self.last_ns = chunk.arrival_ns
         self.heard += chunk.data[: KEPT - len(self.heard)]
         self.count += len(chunk.data)
-        if data := self._looked_at(chunk) if self.said else chunk.data:
+        if data := self._looked_at(chunk) if self.reported else chunk.data:
             self._decode(data, chunk.arrival_ns)
 
     def after_loss(self, decoder: Decoder) -> "_Ear":
         """Return the ear for who comes back. Patience goes on over the loss, or who hangs up every second would never be named; once
         somebody was named it begins anew, or he would be named again and again.
         """
-        before = (self.before or self.said) and not self.understood
+        before = (self.before or self.reported) and not self.understood
         return _Ear(decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns)
 
     def _looked_at(self, chunk: Chunk) -> bytes:
-        """Return as much as is looked at once it is said that nothing makes sense: the beginning of every second."""
+        """Return as much as is looked at once it is reported that nothing makes sense: the beginning of every second."""
         if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
             if self.looked_at >= KEPT:
                 self.decoder.resync()
@@ -91,8 +91,8 @@ class Listening:
         if ear is None or ear.understood:
             return
         ear.take(chunk)
-        if not (ear.understood or ear.said) and ear.spent_ns >= PATIENCE_NS:
-            ear.said = True
+        if not (ear.understood or ear.reported) and ear.spent_ns >= PATIENCE_NS:
+            ear.reported = True
             yield _unusable(chunk.stream, ear)
 
 

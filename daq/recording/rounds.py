@@ -6,7 +6,6 @@
 """
 
 import errno
-import fcntl
 import os
 import re
 import time
@@ -19,10 +18,11 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
+from stepdiag.base.disk.system import lock
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import Way, Words, message, message_of
-from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import DRIVEN_SETUPS
 from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader
@@ -37,7 +37,7 @@ from stepdiag.daq.replay import begun_logs
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
 """The year 2100: a time beyond is none of a recorder."""
-_SETUP = re.compile(rf"(?:{'|'.join(SETUP_NUMBERS.values())})(?:\+[1-9][0-9]{{0,3}})?")
+_SETUP = re.compile(rf"(?:{'|'.join(DRIVEN_SETUPS)})(?:\+[1-9][0-9]{{0,3}})?")
 
 _log = structlog.get_logger("rounds")
 
@@ -58,7 +58,7 @@ class FolderLock:
         except OSError as error:
             raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor)
         except OSError as error:
             holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
@@ -99,8 +99,8 @@ def _sign(descriptor: int, folder: Path) -> None:
 def is_recording(folder: Path) -> bool:
     """Tell whether a daemon holds the folder now; nothing is made or changed."""
     try:
-        with (folder / LOCK).open("rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        with (folder / LOCK).open("rb") as file:
+            lock(file.fileno(), shared=True)
     except BlockingIOError:
         return True
     except OSError:
@@ -150,7 +150,7 @@ def next_round(begun: Round) -> Round:
 
 
 def mend(folder: Path) -> None:
-    """Recover every log of a folder that was cut off; what cannot be mended is said and left as it is."""
+    """Recover every log of a folder that was cut off; what cannot be mended is reported and left as it is."""
     for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
         if part.with_suffix("").exists():
             continue

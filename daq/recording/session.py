@@ -13,12 +13,11 @@ import msgspec
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import Message, Words, message
-from stepdiag.base.names import SETUP_NUMBERS
-from stepdiag.base.setups import setup_of
+from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.cause import line_named
-from stepdiag.daq.capture.conditions import believed_before, told_names, with_air
+from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
@@ -131,7 +130,7 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The count of the stop that was taken last, in case a daemon died before it told the machine."""
+        """The count of the stop that was taken last, in case a daemon died before it wrote to the machine."""
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
@@ -232,7 +231,7 @@ class Session:
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
-        """Take what persons and the solver have said since."""
+        """Take what persons and the solver have added since."""
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
@@ -256,10 +255,10 @@ class Session:
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
-    def told(self) -> dict[str, float]:
-        """Return what a sensor or the laser told last of air and material, where the survey takes them from it."""
+    def conditions(self) -> dict[str, float]:
+        """Return what a sensor or the laser sent last of air and material, where the survey takes them from it."""
         sensor = self._idle_air() if self.capture is None else self.capture.air
-        return {name: sensor.told[name] for name in told_names(self.survey, sensor) if name in sensor.told}
+        return {name: sensor.conditions[name] for name in condition_names(self.survey, sensor) if name in sensor.conditions}
 
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
@@ -313,8 +312,7 @@ class Session:
         """Tell whether a pass is still wanted of the setup that the machine names."""
         if setup is None:
             return not self.book.complete()
-        base = SETUP_NUMBERS.get(setup)
-        return any(self.book.open_passes(name) for name in self.survey.plan.all_setups if setup_of(name).base == base)
+        return any(self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups))
 
     def _remember(self, event: Event) -> None:
         self._before.append(event)

@@ -33,7 +33,7 @@ WAKE_NS = 30_000_000
 SLICE_NS = 100_000_000
 """How long the loop works on chunks before it looks at everything else: seconds of any instrument that behaves."""
 MOST_WAITING_BYTES = 4_000_000
-"""Chunks beyond these are lost, and said to be: ten seconds of the fastest line."""
+"""Chunks beyond these are lost, and reported as lost: ten seconds of the fastest line."""
 
 
 class SurveyLinks:
@@ -100,7 +100,7 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """Have what the instruments said until now brought at once: somebody waits for it."""
+        """Have what the instruments sent until now brought at once: a task waits for it."""
         self._collected_ns = 0
         for stream in self._streams:
             stream.hurry()

@@ -1,4 +1,4 @@
-"""What is said of a survey beside its logs: by persons who accept a doubt or state the time, and by the solver without a result.
+"""Verdicts on a survey beside its logs: of persons who accept a doubt or state the time, and of the solver without a result.
 
 Three files of one JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl``. A line that a power
 failure tore is passed over: what was accepted in it is then open again.
@@ -46,11 +46,11 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
-    """All that is said of one survey: by persons, and by the solver last."""
+    """All verdicts on one survey: of persons, and of the solver last."""
 
     accepted: tuple[Acceptance, ...] = ()
     judgements: tuple[Judgement, ...] = ()
-    """All that the solver said, in order: the last counts."""
+    """All verdicts of the solver, in order: the last counts."""
     dated: tuple[TimeStated, ...] = ()
     """The times that persons stated, in order: the last counts."""
 
@@ -70,7 +70,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verdicts_in(folder: Path) -> Verdicts:
-    """Return what is said of the survey whose logs are in a folder; nothing where nothing is."""
+    """Return the verdicts on the survey whose logs are in a folder; empty where there are none."""
     return Verdicts(
         accepted=tuple(lines_of(folder / ACCEPTED, Acceptance)),
         judgements=tuple(lines_of(folder / JUDGED, Judgement)),
@@ -96,8 +96,8 @@ def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: 
 
 
 def _require_words(**given: str) -> None:
-    for field, said in given.items():
-        if not said.strip():
+    for field, text in given.items():
+        if not text.strip():
             raise UsageError(message("where-accept-field", field=field), expected=message("expects-words"), found=message("nothing"))
 
 
@@ -120,7 +120,7 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
 
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
-    """Add what the solver said, on disk when this returns. Raises UsageError where it cannot be written."""
+    """Add the verdict of the solver, on disk when this returns. Raises UsageError where it cannot be written."""
     append_line(folder / JUDGED, msgspec.json.encode(judged))
 
 
@@ -144,7 +144,7 @@ def append_line(path: Path, line: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # of a word that is refused nothing may count
             _back_to(path, before)
-        raise UsageError(str(path), expected=message("expects-file-written"), found=system_words(error)) from error
+        raise UsageError(str(path), expected=message("file-can-be-written"), found=system_words(error)) from error
 
 
 def _back_to(path: Path, size: int | None) -> None:

@@ -14,7 +14,7 @@ from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate"]
 
 
 State = Literal["open", "accepted", "past"]
@@ -79,7 +79,7 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A finding; ``place`` is where it belongs (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: nowhere).
 
-    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person said so (``word``: who, when, why), else ``past``.
+    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person accepted it (``word``: who, when, why), else ``past``.
     """
 
     code: str
@@ -210,7 +210,7 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     path: Path
-    kind: Literal["report", "result", "export", "log", "figure", "bundle", "restore"]
+    kind: Literal["report", "certificate", "result", "export", "log", "figure", "bundle", "restore"]
     size_bytes: int
     sha256: str = ""
     """Empty where it is not known without reading the file."""

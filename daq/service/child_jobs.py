@@ -14,7 +14,7 @@ from stepdiag.daq.records.status import Phase
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
 
-READINGS_ONLY = "--readings"
+READINGS_ONLY, CERTIFICATE_ONLY = "--readings", "--certificate"
 _log = structlog.get_logger("daemon")
 
 
@@ -22,7 +22,7 @@ _log = structlog.get_logger("daemon")
 class Commands:
     """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
 
-    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open.
+    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open, with `CERTIFICATE_ONLY` for a finished one.
     """
 
     completion: Sequence[str]
@@ -64,6 +64,10 @@ class Finisher:
         """Begin to write the readings of a survey that stays open; ``then`` is called when they are written, or cannot be."""
         self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
+    def certify(self, folder: Path, then: Callable[[], None]) -> None:
+        """Begin to write the certificate of a finished survey; ``then`` is called when it is written, or cannot be."""
+        self._begin(self._certify(folder, then), f"certificate {folder.name}")
+
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
         self.result = None
@@ -84,14 +88,20 @@ class Finisher:
         """Return how a child ended and its last words; one after the other, for two would write the same readings."""
         async with self._one:
             child = await asyncio.create_subprocess_exec(*command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE)
-            said = (await _said_at_the_end(child)).decode("utf-8", "replace").strip()
-        return child.returncode or 0, _of_line(said.splitlines()[-1] if said else "")
+            written = (await _last_words(child)).decode("utf-8", "replace").strip()
+        return child.returncode or 0, _of_line(written.splitlines()[-1] if written else "")
 
     async def _tabulate(self, folder: Path, then: Callable[[], None]) -> None:
         await self._recorder_idle.wait()
-        code, said = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
+        code, reason = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
         if code:
-            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(said))
+            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(reason))
+        then()
+
+    async def _certify(self, folder: Path, then: Callable[[], None]) -> None:
+        code, self.message = await self._run(*self._commands.completion, CERTIFICATE_ONLY, str(folder))
+        if code:
+            _log.error("certificate-unwritten", folder=str(folder), exit_code=code, reason=str(self.message))
         then()
 
     async def _finish(self, folder: Path) -> None:
@@ -115,7 +125,7 @@ class Finisher:
             child = await asyncio.create_subprocess_exec(
                 *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL
             )
-            await _said_at_the_end(child)
+            await _last_words(child)
 
 
 def _of_line(line: str) -> Words:
@@ -126,13 +136,13 @@ def _of_line(line: str) -> Words:
         return line
 
 
-async def _said_at_the_end(child: asyncio.subprocess.Process) -> bytes:
-    """Return what a child said on standard error, once it has ended; when cancelled, end it first."""
+async def _last_words(child: asyncio.subprocess.Process) -> bytes:
+    """Return what a child wrote on standard error, once it has ended; when cancelled, end it first."""
     try:
-        _, said = await child.communicate()
+        _, written = await child.communicate()
     except asyncio.CancelledError:
         with suppress(ProcessLookupError):
             child.terminate()
         await child.wait()
         raise
-    return said or b""
+    return written or b""

@@ -47,7 +47,7 @@ _log = structlog.get_logger("daemon")
 
 
 class Daemon:
-    """Records surveys until told to stop. ``completion`` is the command that is run with a survey's folder when its last pass is in.
+    """Records surveys until it is stopped. ``completion`` is the command that is run with a survey's folder when its last pass is in.
 
     ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
     ``programs`` names the NC program of each setup, as a person calls it at the control. ``status_source`` answers whoever looks on.
@@ -161,7 +161,7 @@ class Daemon:
 
     def _alarms(self) -> list[Words]:
         waits = self._handshake.alarm if self._handshake is not None else ""
-        return [said for said in (waits, self._working.session.unsolved) if said]
+        return [words for words in (waits, self._working.session.unsolved) if words]
 
     def _remark(self, what: Message) -> None:
         self._working.session.remark(what)
@@ -202,8 +202,8 @@ class Daemon:
 
     def _written(self, refused: Words) -> None:
         """Hear whether the machine took what was written."""
-        if self._handshake is not None and (said := self._handshake.written(refused)):
-            self._working.session.say(said)
+        if self._handshake is not None and (refusal := self._handshake.written(refused)):
+            self._working.session.say(refusal)
 
     def _heed(self, outcome: Outcome) -> None:
         if isinstance(outcome, CapturedStop):
@@ -239,7 +239,7 @@ class Daemon:
             self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
-        """Say so once the stops of the pass are said: what was last taken must outlive this process first."""
+        """Report it once the stops of the pass are reported: what was last taken must outlive this process first."""
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
         self._loop.call_soon(self._complete_if_settled)
@@ -267,8 +267,8 @@ class Daemon:
         if session is not self._working.session or session.book.doubts() != still:
             return
         places, reason = places_of(still), "; ".join(dict.fromkeys(str(doubt.words) for doubt in still))
-        said = {"folder": str(session.folder), "doubted": places, "reason": reason}
-        self._write_live(lambda: _log.warning("survey-open", **said))
+        facts = {"folder": str(session.folder), "doubted": places, "reason": reason}
+        self._write_live(lambda: _log.warning("survey-open", **facts))
 
     def _complete(self) -> None:
         """Hand the finished survey to a child process and be ready for the next one."""
@@ -293,7 +293,7 @@ class Daemon:
         self._settled.know(working.session)
 
     def _look_at_verdicts(self) -> None:
-        """Hear what persons have said of the survey beside this process."""
+        """Take what persons have added to the survey beside this process."""
         session = self._working.session
         heard = self._settled.heard(session)
         if heard:
@@ -307,9 +307,9 @@ class Daemon:
             try:
                 self._working.session.begin(word.setup, now_ns())
             except UsageError as refused:
-                _log.warning("begin-refused", setup=word.setup, said_name=word.name, detail=str(refused))
+                _log.warning("begin-refused", setup=word.setup, given_name=word.name, detail=str(refused))
             else:
-                _log.info("begun", setup=word.setup, said_name=word.name)
+                _log.info("begun", setup=word.setup, given_name=word.name)
             self.status_source.news()
 
     # what goes out
@@ -339,7 +339,7 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write what is heard and waited for beside the lock, in a thread that only writes; what is said ``then`` is true there as well."""
+        """Write what is heard and waited for beside the lock, in a thread that only writes; what ``then`` reports is true there as well."""
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
 

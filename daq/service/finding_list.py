@@ -42,8 +42,8 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
     place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
-    said = {"code": found.code, "severity": found.severity, "text": str(found.words), "message": found.message, "at": found.place}
-    return FindingStatus(**said, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
+    facts = {"code": found.code, "severity": found.severity, "text": str(found.words), "message": found.message, "at": found.place}
+    return FindingStatus(**facts, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
 
 
 def _open(doubt: Doubt) -> FindingStatus:
@@ -52,8 +52,8 @@ def _open(doubt: Doubt) -> FindingStatus:
 
 def _accepted(doubt: Doubt, word: Acceptance) -> FindingStatus:
     moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
-    said = f"{word.name}, {moment}: {word.reason}"
-    return _doubted("info", doubt, "accepted", said)
+    words = f"{word.name}, {moment}: {word.reason}"
+    return _doubted("info", doubt, "accepted", words)
 
 
 def _doubted(severity: Severity, doubt: Doubt, state: State, word: str = "") -> FindingStatus:

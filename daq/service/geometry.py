@@ -1,27 +1,23 @@
-"""What is drawn of a survey: the volume's edges and axes, the ways of its diagonals and the route of the pass, in mm."""
+"""What is drawn of a survey: the volume's edges and axes, the ways of its setups and the route of the pass, in mm."""
 
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 
-from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.runs import Plan
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import make_route
+from stepdiag.daq.capture.place.route import route_of
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
 
 BEYOND = 0.06
 """How far beyond its end the name of an axis stands, as a share of the longest side."""
 
 
-def geometry(volume: Volume, axis_order: str, setups: Sequence[SetupStatus], expects: str, *, outward: bool) -> GeometryStatus:
-    """Return the geometry of a survey whose pass ``expects`` (empty: none) is awaited or driven."""
-    edges, axes = _box(volume)
-    ways = tuple(
-        WayStatus(setup=one.name, state=one.state, ends_mm=_ends(volume, one.name, axis_order))
-        for one in setups
-        if one.name in BODY_DIAGONALS
-    )
-    route = _route(volume, expects, axis_order, outward) if expects else ()
+def geometry(plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int) -> GeometryStatus:
+    """Return the geometry of a survey whose pass ``number`` of ``expects`` (empty: none) is awaited or driven."""
+    edges, axes = _box(plan.volume)
+    ways = tuple(WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name)) for one in setups)
+    route = _route(plan, expects, number) if expects else ()
     return GeometryStatus(edges_mm=edges, axes=axes, ways=ways, route_mm=route)
 
 
@@ -46,10 +42,10 @@ def _moved(point: Point, axis: int, far_mm: float) -> Point:
 
 
 @lru_cache(maxsize=64)
-def _route(volume: Volume, setup: str, axis_order: str, outward: bool) -> tuple[Point, ...]:
-    return tuple((x, y, z) for x, y, z in make_route(volume, setup, axis_order, outward=outward).stops_mm.tolist())
+def _route(plan: Plan, setup: str, number: int) -> tuple[Point, ...]:
+    return tuple((x, y, z) for x, y, z in route_of(plan, setup, number).stops_mm.tolist())
 
 
-def _ends(volume: Volume, setup: str, axis_order: str) -> tuple[Point, Point]:
-    route = _route(volume, setup, axis_order, True)
+def _ends(plan: Plan, setup: str) -> tuple[Point, Point]:
+    route = _route(plan, setup, 1)
     return route[0], route[-1]

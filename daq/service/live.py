@@ -20,7 +20,7 @@ LARGEST_BYTES = 100_000
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser told last of air and material."""
+    """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser sent last of air and material."""
 
     time_s: float
     waits_for: Words

@@ -49,6 +49,6 @@ def disk_free_bytes(folder: Path) -> int:
 
 
 def words_on_disk(folder: Path, least_gb: float) -> Words:
-    """Return what is to be said of a disk with less space than this; empty where there is more."""
+    """Return the finding of a disk with less space than this; empty where there is more."""
     free_gb = disk_free_bytes(folder) / GB
     return message("disk-left", free_gb=free_gb) if free_gb < least_gb else ""

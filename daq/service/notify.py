@@ -9,7 +9,7 @@ class Notifier:
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
-        self._said = ""
+        self._shown = ""
 
     @property
     def watchdog_s(self) -> float | None:
@@ -23,9 +23,9 @@ class Notifier:
         self._send("READY=1")
 
     def status(self, text: str) -> None:
-        """Say in words what the daemon does; said again only when it changes."""
-        if text != self._said:
-            self._said = text
+        """Say in words what the daemon does; again only when it changes."""
+        if text != self._shown:
+            self._shown = text
             self._send(f"STATUS={text}")
 
     def alive(self) -> None:

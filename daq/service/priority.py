@@ -3,6 +3,8 @@
 import os
 from contextlib import suppress
 
+from stepdiag.base.disk.system import nice
+
 GIVE_WAY = 5
 """By how much (nice(2)) a computing process stands back: behind the recording, but not behind everything else that a busy box does."""
 
@@ -13,8 +15,7 @@ def lower_priority() -> None:
     A kernel lets a computing thread finish its slice of a millisecond or more whoever else wakes up, so being less important is not
     enough: one processor is left alone. numpy's threads stay where they were born, so this comes before it is loaded.
     """
-    with suppress(OSError):  # a sandbox may forbid either; the result is the same
-        os.nice(GIVE_WAY)
-    with suppress(OSError):
+    nice(GIVE_WAY)
+    with suppress(OSError, AttributeError):
         first, *others = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, others or [first])

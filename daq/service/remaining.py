@@ -2,20 +2,17 @@
 
 from functools import lru_cache
 
-from stepdiag.base.readings.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
-from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import make_route
+from stepdiag.base.readings.runs import Plan, run_minutes, run_stops_mm, setup_minutes
+from stepdiag.daq.capture.place.route import route_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""The pace is told from this many stops."""
+"""The pace is computed from this many stops."""
 LONGEST_DWELL = 20.0
 """A stop that took so many times longer than planned was an interruption, not the pace."""
-UNSHIFTED, SHIFTED = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
-"""A shifted beam on a setup that stands is set up sooner; how far it is shifted does not matter."""
 
 
 def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveStatus, ...]:
@@ -40,7 +37,7 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
 
 def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: bool) -> DriveStatus:
     """Return an open pass without its minutes; a pass that the machine drives now goes on where it is, and may still become whole."""
-    stops = len(make_route(survey.volume, setup, survey.axis_order, outward=number % 2 == 1))
+    stops = len(route_of(survey.planned, setup, number))
     begun = next((each for each in book.of(setup) if each.number == number), None)
     if begun is None:
         return DriveStatus(setup=setup, pass_number=number, stops=stops)
@@ -70,21 +67,17 @@ def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> Dri
 
 def _pace(survey: Survey, book: PassBook, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop and those of setting up."""
-    plan = survey.plan
-    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
-    run = Run(setup=setup, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=SHIFTED if "+" in setup else UNSHIFTED)
-    planned, setting_up = _times(survey.volume, survey.axis_order, run, pace)
+    planned, setting_up = _times(survey.planned, setup)
     measured = _measured_pace_s(book)
     return (planned if measured is None or measured >= LONGEST_DWELL * planned else measured), setting_up
 
 
 @lru_cache(maxsize=256)
-def _times(volume: Volume, axis_order: str, run: Run, pace: Pace) -> tuple[float, float]:
+def _times(plan: Plan, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts them."""
-    plan = Plan(volume=volume, runs=(run,), axis_order=axis_order, pace=pace)
-    stops = len(run_stops_mm(plan, run))
-    setting_up = setup_minutes(pace, run)
-    return 60 * (run_minutes(plan, run) - setting_up) / (stops * len(run.pass_numbers)), 60 * setting_up
+    run = plan.run_of(setup)
+    setting_up = setup_minutes(plan, run)
+    return 60 * (run_minutes(plan, run) - setting_up) / (len(run_stops_mm(plan, run)) * len(run.pass_numbers)), 60 * setting_up
 
 
 def _measured_pace_s(book: PassBook) -> float | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from stepdiag.base.messages import Words, joined, message
-from stepdiag.daq.capture.place.route import make_route
+from stepdiag.daq.capture.place.route import route_of
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook
@@ -81,7 +81,7 @@ def snapshot(
         origin_mm=survey.volume.origin_mm,
         size_mm=survey.volume.size_mm,
         increments=survey.volume.increments,
-        geometry=geometry(survey.volume, survey.axis_order, setups, setup, outward=_expected_pass(session, setup) % 2 == 1),
+        geometry=geometry(survey.planned, setups, setup, _expected_pass(session, setup)),
         counts_to=_counts_to(session, lost),
         driven_out=session.capture is not None and session.capture.driven_out,
         strip=_strip(session),
@@ -110,7 +110,7 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
     setup = session.book.next_setup()
     if not setup:
         return "", 0, 0, ""
-    return setup, 0, len(make_route(session.survey.volume, setup, session.survey.axis_order, outward=True)), ""
+    return setup, 0, len(route_of(session.survey.planned, setup, 1)), ""
 
 
 def setup_statuses(survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = "") -> tuple[SetupStatus, ...]:
@@ -120,7 +120,7 @@ def setup_statuses(survey: Survey, book: PassBook, drives: Sequence[DriveStatus]
 
 
 def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[DriveStatus], running: bool) -> SetupStatus:
-    stops_wanted = len(make_route(survey.volume, setup, survey.axis_order, outward=True)) * len(book.wanted())
+    stops_wanted = len(route_of(survey.planned, setup, 1)) * len(book.wanted())
     passes = [each for each in book.of(setup) if each.number in book.wanted()]
     again = {drive.pass_number for drive in drives if drive.again}
     state = "done" if not drives else "running" if running else "again" if again else "to-do"

@@ -54,7 +54,7 @@ class DaemonStatusSource:
     def __init__(self) -> None:
         self._working: Working | None = None
         self._changed = asyncio.Condition()
-        self._sequence = self._told = 0
+        self._sequence = self._published = 0
 
     def open(self, working: Working) -> None:
         """Begin to answer: the daemon is up."""
@@ -66,9 +66,9 @@ class DaemonStatusSource:
 
     async def publish(self) -> None:
         """Make a new snapshot due, and wake who waits for it."""
-        if self._sequence == self._told:
+        if self._sequence == self._published:
             self._sequence += 1
-        self._told = self._sequence
+        self._published = self._sequence
         async with self._changed:
             self._changed.notify_all()
 
@@ -106,8 +106,8 @@ class DaemonStatusSource:
     def live(self) -> LiveStatus:
         """Return what `status` shows of a daemon that runs."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
-        said = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
-        return LiveStatus(time_s=time.time(), **said, told=self._at_work.session.told(), laser=laser, plc=plc, head=head, air=air)
+        words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
+        return LiveStatus(time_s=time.time(), **words, told=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air)
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""
@@ -160,15 +160,21 @@ class DaemonStatusSource:
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
-        """Note a person's word for what is doubted at a place; the daemon hears of it as of one said at a terminal."""
+        """Note a person's word for what is doubted at a place; the daemon hears of it as of one entered at a terminal."""
         doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
-        said = {name: arguments.get(name, "") for name in ("reason", "name")}
-        await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **said)
+        given = {name: arguments.get(name, "") for name in ("reason", "name")}
+        await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
+
+    def _certify(self, finisher: Finisher) -> None:
+        """Begin to write the certificate of the survey shown. Raises UsageError where it has no result."""
+        if finisher.result is None:
+            raise UsageError(message("where-certificate"), expected=message("expects-result"), found=message("none"))
+        finisher.certify(finisher.result.parent, self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
         _log.info(
-            "command", name=name, **{f"said_{key}" if key == "name" else key: arguments[key] for key in _ARGUMENTS if key in arguments}
+            "command", name=name, **{f"given_{key}" if key == "name" else key: arguments[key] for key in _ARGUMENTS if key in arguments}
         )
         working = self._at_work
         session = working.session
@@ -181,18 +187,24 @@ class DaemonStatusSource:
                 session.close(message("closed-paused"))
                 working.paused = True
             case "abort-setup":
-                if not session.recording:
-                    raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
-                session.close(message("closed-aborted"))
+                _abort(session)
             case "choose-setup":
                 session.book.preferred = _planned(session, arguments.get("setup", ""))
             case "zero":
                 session.zero()
+            case "certificate":
+                self._certify(working.finisher)
             case "accept":
                 await self._accept(session, arguments)
             case "name":
                 session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def _abort(session: Session) -> None:
+    if not session.recording:
+        raise UsageError(message("where-abort"), expected=message("expects-recorded"), found=message("none"))
+    session.close(message("closed-aborted"))
 
 
 def _idle(session: Session, setup: str) -> Message:

@@ -45,7 +45,7 @@ class Supervisor:
         self._min_free_gb = min_free_gb
         self._clocks = ClockWatch()
         self.disk: Words = ""
-        """What is to be said of the disk; empty while there is room."""
+        """The finding of the disk; empty while there is room."""
 
     async def watch(self) -> None:
         """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the survey's folder is gone."""

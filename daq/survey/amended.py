@@ -1,5 +1,6 @@
 """A survey file with another plan in it: what a person wrote around it stays as it is."""
 
+import json
 import re
 from collections.abc import Sequence
 
@@ -91,4 +92,5 @@ def _settings(plan: Plan) -> dict[str, str]:
         "setups": f"setups = [{named}]\n",
         "return_pass": f"return_pass = {str(plan.return_pass).lower()}\n",
         "repeats": f"repeats = {plan.repeats}\n",
+        "axis_orders": f"axis_orders = {json.dumps(plan.axis_orders)}\n",
     }

@@ -2,8 +2,10 @@
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from stepdiag.base.volume import in_step
 from stepdiag.daq.survey.controls import control_section
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.template import template
@@ -12,6 +14,10 @@ OWN_AIR = ("ids3010", "lasertex")
 """Lasers with sensors of their own."""
 _BAUDS = {"lasertex": 3_000_000}
 _WITHOUT_AIR = ("siemens-828d", "siemens-840dsl", "heidenhain", "none")
+_ADVISED = ('axis_orders = ["xyz", "yzx", "zxy"]', "targets = 40")
+LEAST, USUAL, MOST = 8, 10, 20
+"""Numbers of increments that a new survey may have."""
+_ROUNDING_MM = 1e-6
 _SILENT = 'transport = "none"\n'
 
 
@@ -54,7 +60,7 @@ class Answers:
 
 def composed(answers: Answers, source: str) -> str:
     """Return the survey file. Raises UsageError, as reading it would, where an answer is none that a survey can have."""
-    text = template()
+    text = _advised()
     for section, key, value in _settings(answers):
         text = _set(text, section, key, value)
     before, _, rest = text.partition("[plc]\n")
@@ -66,11 +72,29 @@ def composed(answers: Answers, source: str) -> str:
 
 def begun(usual: MachineClass, source: str) -> str:
     """Return the template with a class of machine. Raises UsageError, as reading it would, for a value that a survey cannot have."""
-    text = template()
+    text = _advised()
     for section, key, value in usual.settings():
         text = _set(text, section, key, value)
     parse_survey(text, source)
     return text
+
+
+def _advised() -> str:
+    """Return the template with what a new survey is advised, and a file without it is not: other orders of axes for repeats, and targets of
+    their own for linear runs, which show the waves of a screw."""
+    text = template()
+    for line in _ADVISED:
+        text = text.replace(f"\n#{line}\n", f"\n{line}\n")
+    return text
+
+
+def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
+    """Return the number of increments next to `USUAL` whose steps are whole micrometres, as a program states them, and in step with no
+    screw of a pitch; in step where there is no other."""
+    size = list(size_mm)
+    usual = sorted(range(LEAST, MOST + 1), key=lambda n: (abs(n - USUAL), -n))
+    whole = [n for n in usual if all(abs(edge_mm / n - round(edge_mm / n, 3)) < _ROUNDING_MM for edge_mm in size)]
+    return next((n for n in whole if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)), (whole or [USUAL])[0])
 
 
 def plc_section(control: str, host: str, tcp_port: int) -> str:

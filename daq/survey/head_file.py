@@ -1,10 +1,12 @@
 """The calibration file of a 4-DOF head (TOML): who it belongs to, when it was made, curves, signs, lever and their uncertainty.
 
-It travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves would give numbers that look right.
+It travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves would give numbers that look right. A
+calibrated field is absent until a command measured it, and `require_measured` names the command that is next.
 """
 
 import datetime as dt
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -13,7 +15,7 @@ from msgspec import Meta
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import as_text
 from stepdiag.base.messages import message
-from stepdiag.base.settings import convert, read_toml
+from stepdiag.base.settings import convert, read_toml, unknown_key
 from stepdiag.base.volume import Vector
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import NotNegative, Positive, Text
@@ -23,6 +25,15 @@ Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description=
 MOST_COEFFICIENTS = 20
 DetectorName = Literal["qd", "psd1", "psd2"]
 AxisName = Literal["x", "y"]
+CURVES = ("qd.x", "qd.y", "psd1.x", "psd1.y", "psd2.x", "psd2.y")
+"""The names of the detectors' curves."""
+CALIBRATED = (
+    *CURVES, "qd.rotation_mrad", "psd1.rotation_mrad", "psd2.rotation_mrad", "qd.dark", "psd1.dark", "psd2.dark", "light", "lever",
+    "crosstalk.psd1_leak", "crosstalk.psd2_leak", "crosstalk.qd_gain_per_m",
+)  # fmt: skip
+"""Every field that a command measures."""
+QD_CALIBRATED = ("qd.x", "qd.y")
+"""Those without which a quadrant detector alone gives nothing."""
 
 
 class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,11 +48,21 @@ class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
-    x: AxisTable = AxisTable()
-    y: AxisTable = AxisTable()
+    """Curves, limits of the sum, roll, and ``dark``: difference x, difference y and sum without light."""
+
+    x: AxisTable | None = None
+    y: AxisTable | None = None
     sum_min: NotNegative = 0.0
     sum_max: Positive | None = None
-    rotation_mrad: float = 0.0
+    rotation_mrad: float | None = None
+    dark: tuple[float, float, float] | None = None
+
+
+class LightTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The sums of QD, PSD1 and PSD2 under the same light, and by which share a sum may leave the others before its spot is clipped."""
+
+    sums: tuple[Positive, Positive, Positive]
+    within: Annotated[float, Meta(gt=0, le=0.5)]
 
 
 class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,13 +84,36 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The corrections of the solver (`fourdof.head.Crosstalk`); zero is none."""
+    """The corrections of the solver (`fourdof.head.Crosstalk`). The place of the cube is a statement: zero is none."""
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    psd1_leak: Pair = (0.0, 0.0)
-    psd2_leak: Pair = (0.0, 0.0)
-    qd_gain_per_m: Pair = (0.0, 0.0)
+    psd1_leak: Pair | None = None
+    psd2_leak: Pair | None = None
+    qd_gain_per_m: Pair | None = None
     qd_calibrated_at_mm: NotNegative = 0.0
+
+
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """What measured a field, and on which day."""
+
+    by: Text
+    on: Day
+
+
+class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
+    """Standard uncertainties of the fields of a commissioning, and their correlations, row by row below the diagonal."""
+
+    of: tuple[str, ...] = ()
+    u: tuple[NotNegative, ...] = ()
+    correlation: tuple[Annotated[float, Meta(ge=-1, le=1)], ...] = ()
+
+    def covariance(self) -> Vector:
+        """Return the covariance of the fields, shape (k, k)."""
+        full = np.eye(len(self.of))
+        full[np.tril_indices(len(self.of), -1)] = self.correlation
+        full = full + np.tril(full, -1).T
+        covariance: Vector = full * np.outer(self.u, self.u)
+        return covariance
 
 
 class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,44 +125,99 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
     reference: str = ""
     psd1_focal_length_mm: Positive = 150.0
     psd2_focal_length_mm: Positive = 150.0
+    version: Literal[1, 2] = 1
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file."""
+    """The whole file. One of version 1 does not state how its fields were measured; a field that it leaves out is taken for ideal."""
 
     head: HeadIdentity
-    lever: LeverTable = LeverTable()
+    lever: LeverTable | None = None
     qd: DetectorTable = DetectorTable()
     psd1: DetectorTable = DetectorTable()
     psd2: DetectorTable = DetectorTable()
+    light: LightTable | None = None
     crosstalk: CrosstalkTable = CrosstalkTable()
+    measured: dict[str, Measured] = {}
+    uncertainty: UncertaintyTable = UncertaintyTable()
 
     def detector(self, name: DetectorName) -> DetectorTable:
         """Return a detector's table."""
         return {"qd": self.qd, "psd1": self.psd1, "psd2": self.psd2}[name]
+
+    def curve(self, name: str) -> AxisTable | None:
+        """Return the curve ``qd.x`` .. ``psd2.y``."""
+        detector, _, axis = name.partition(".")
+        table: AxisTable | None = getattr(getattr(self, detector), axis)
+        return table
 
     def with_axis(self, detector: DetectorName, axis: AxisName, table: AxisTable) -> "HeadFile":
         """Return the file with one axis of one detector replaced."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
 
+    def with_measured(self, by: str, on: str, *names: str) -> "HeadFile":
+        """Return the file with what measured these fields, and when; uncertainties of a commissioning before them are gone."""
+        measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
+        return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
+
+    def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
+        """Return those of the fields that nothing has measured yet; none of a file of version 1."""
+        if self.head.version == 1:
+            return []
+        tables = msgspec.to_builtins(self)
+        return [name for name in names if _at(tables, name) is None]
+
+
+def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:
+    """Raise DataError that names the fields that nothing has measured yet (None: all that the head needs) and the next command."""
+    needed = names or (QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED)
+    if absent := file.absent(needed):
+        raise DataError(
+            f"{source}: {absent[0]}",
+            expected=message("measured-field"),
+            found=message("nothing-measured", names=absent),
+            remedy=message("fourdof-commission-next"),
+        )
+
+
+def _at(tables: object, name: str) -> object:
+    for part in name.split("."):
+        tables = tables.get(part) if isinstance(tables, dict) else None
+    return tables
+
 
 def parse_head_file(data: bytes, source: str) -> HeadFile:
     """Return a calibration file. Raises UsageError naming the field that is wrong."""
     file = convert(read_toml(as_text(data, source, UsageError), source), HeadFile, source)
-    _check_date(file, source)
-    for name, detector in (("qd", file.qd), ("psd1", file.psd1), ("psd2", file.psd2)):
-        for letter, axis in (("x", detector.x), ("y", detector.y)):
-            if axis.low >= axis.high:
-                raise UsageError(f"{source}: {name}.{letter}.high", expected=message("more-than-low", low=axis.low), found=f"{axis.high:g}")
+    _check_date(file.head.date, f"{source}: head.date")
+    for name, measured in file.measured.items():
+        if name not in CALIBRATED:
+            raise unknown_key(source, f"measured.{name}", name, list(CALIBRATED))
+        _check_date(measured.on, f"{source}: measured.{name}.on")
+    _check_uncertainty(file.uncertainty, f"{source}: uncertainty")
+    for name in CURVES:
+        axis = file.curve(name)
+        if axis is not None and not np.isfinite(axis.coefficients_um).all():
+            raise UsageError(f"{source}: {name}.coefficients_um", expected=message("a-number"), found=str(list(axis.coefficients_um)))
+        if axis is not None and axis.low >= axis.high:
+            raise UsageError(f"{source}: {name}.high", expected=message("more-than-low", low=axis.low), found=f"{axis.high:g}")
     return file
 
 
-def _check_date(file: HeadFile, source: str) -> None:
+def _check_date(day: str, where: str) -> None:
     try:
-        dt.date.fromisoformat(file.head.date)
+        dt.date.fromisoformat(day)
     except ValueError as error:
-        raise UsageError(f"{source}: head.date", expected=message("day-such-as"), found=file.head.date) from error
+        raise UsageError(where, expected=message("a-day"), found=day) from error
+
+
+def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
+    """Raise UsageError unless u and correlation belong to the fields and make a covariance."""
+    count = len(table.of)
+    for field, values, needed in (("u", table.u, count), ("correlation", table.correlation, count * (count - 1) // 2)):
+        if len(values) != needed:
+            raise UsageError(f"{where}.{field}", expected=message("values-count", count=needed), found=str(len(values)))
 
 
 def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
@@ -134,18 +233,29 @@ def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
 
 
 def render_head_file(file: HeadFile) -> str:
-    """Return the file as text (TOML, LF): the same bytes for the same calibration."""
+    """Return the file as text (TOML, LF): the same bytes for the same calibration. Raises UsageError for one that its reader refuses."""
     lines = ["# Calibration of a 4-DOF head (docs/fourdof.md). Curves: shift of the spot in um over difference / sum.", ""]
     lines += _table("head", file.head)
     lines += _table("lever", file.lever)
-    for name, detector in (("qd", file.qd), ("psd1", file.psd1), ("psd2", file.psd2)):
+    for name in get_args(DetectorName):
+        detector = file.detector(name)
         lines += _table(name, detector)
         lines += _table(f"{name}.x", detector.x)
         lines += _table(f"{name}.y", detector.y)
-    return "\n".join([*lines, *_table("crosstalk", file.crosstalk)])
+    lines += _table("light", file.light)
+    lines += _table("crosstalk", file.crosstalk)
+    for name, measured in sorted(file.measured.items()):
+        lines += _table(f'measured."{name}"', measured)
+    if file.uncertainty.of:
+        lines += _table("uncertainty", file.uncertainty)
+    text = "\n".join(lines)
+    parse_head_file(text.encode("utf-8"), "calibration")
+    return text
 
 
-def _table(name: str, table: msgspec.Struct) -> list[str]:
+def _table(name: str, table: msgspec.Struct | None) -> list[str]:
+    if table is None:
+        return []
     fields = msgspec.structs.asdict(table)
     plain = {key: value for key, value in fields.items() if value is not None and not isinstance(value, msgspec.Struct)}
     return [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
@@ -154,5 +264,7 @@ def _table(name: str, table: msgspec.Struct) -> list[str]:
 def _value(value: object) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(map(_value, value)) + "]"
-    # a JSON text is a TOML text, but for DEL; and repr gives a float all its digits
+    if isinstance(value, float):
+        return repr(float(value))  # all its digits; numpy writes its own name before those of its floats
+    # a JSON text is a TOML text, but for DEL
     return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)

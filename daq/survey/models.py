@@ -5,6 +5,7 @@ that need more than one field stand in `daq.survey.rules`.
 """
 
 from collections.abc import Mapping
+from dataclasses import fields
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings import runs
 from stepdiag.base.volume import MOST_INCREMENTS, Volume
 from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
@@ -57,15 +59,18 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     event: Line = ""
 
 
+AxisOrder = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+
+
 class VolumeSection(msgspec.Struct, frozen=True, kw_only=True):
     size_mm: PositiveTriple
     increments: Annotated[int, Meta(ge=1, le=MOST_INCREMENTS)]
     origin_mm: Triple = (0.0, 0.0, 0.0)
-    axis_order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
+    axis_order: AxisOrder = "xyz"
 
 
 class BeamOffset(msgspec.Struct, frozen=True, kw_only=True):
-    setup: Literal["ppp", "npp", "pnp", "ppn"]
+    setup: Text
     offset_mm: Triple
 
 
@@ -76,17 +81,30 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     feed_mm_min: Positive = 2000.0
     dwell_s: Positive = 2.0
     overrun_mm: NotNegative = 5.0
+    axis_orders: tuple[AxisOrder, ...] = ()
+    targets: Annotated[int, Meta(ge=0, le=MOST_INCREMENTS)] = 0
+    diagonal_setup_min: NotNegative = 30.0
+    linear_setup_min: NotNegative = 20.0
+    fourdof_setup_min: NotNegative = 25.0
+    beam_shift_min: NotNegative = 5.0
     beam_offset: tuple[BeamOffset, ...] = ()
 
     @property
-    def all_setups(self) -> tuple[str, ...]:
-        """Return the setups in the order they are driven; shifted beams are named ``ppp+1``, ``ppp+2`` in their order."""
-        shifted = []
+    def offsets_mm(self) -> dict[str, Triple]:
+        """Return by name how far each setup lies from its usual line; those of one travel are named ``ppp+1``, ``ppp+2`` in their order."""
+        named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
         for offset in self.beam_offset:
             seen[offset.setup] = seen.get(offset.setup, 0) + 1
-            shifted.append(f"{offset.setup}+{seen[offset.setup]}")
-        return (*self.setups, *shifted)
+            named[f"{offset.setup}+{seen[offset.setup]}"] = offset.offset_mm
+        return named
+
+    @property
+    def all_setups(self) -> tuple[str, ...]:
+        """Return the setups in the order they are driven: what lies on another line follows what stands already."""
+        bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
+        named = [*self.setups, *self.offsets_mm]
+        return tuple(name for base in bases for name in named if name.partition("+")[0] == base)
 
     @property
     def passes_per_setup(self) -> int:
@@ -485,6 +503,27 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     def air_sensor(self) -> AirSensor | None:
         """Return the sensor of air and material, where they are taken from one of their own."""
         return self.environment.sensor if self.environment.source == "sensor" else None
+
+    @property
+    def planned(self) -> runs.Plan:
+        """Return what is driven as the planner, the programs and the recording know it."""
+        plan, offsets = self.plan, self.plan.offsets_mm
+        return runs.Plan(
+            volume=self.volume,
+            runs=tuple(
+                runs.Run(
+                    setup=name,
+                    repeats=plan.repeats,
+                    return_pass=plan.return_pass,
+                    beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)),
+                    axis_orders=plan.axis_orders,
+                    targets=plan.targets,
+                )
+                for name in plan.all_setups
+            ),
+            axis_order=self.axis_order,
+            pace=runs.Pace(**{each.name: getattr(plan, each.name) for each in fields(runs.Pace)}),
+        )
 
     @property
     def axis_order(self) -> str:

@@ -5,9 +5,9 @@ from collections.abc import Collection, Iterator
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+from stepdiag.base.names import AXES, FOURDOF_RUNS
 from stepdiag.base.settings import refuse, unknown_key
-from stepdiag.base.setups import setup_of
+from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_of
 from stepdiag.base.volume import reads_like_metres
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
@@ -15,7 +15,6 @@ from stepdiag.daq.links.ports.address import can_be_host, network_line
 from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
 
-_SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
 _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
 _LINE_GROUPS = ("position", "counter", "beam")
 _MAX_POLL_HZ = 1000.0
@@ -52,12 +51,12 @@ def _volume(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
     setups = survey.plan.setups
-    if not setups:
+    if not survey.plan.all_setups:
         yield refuse(source, "plan.setups", message("some-setup"), [])
     for index, setup in enumerate(setups):
         field = f"plan.setups[{index}]"
-        if setup not in _SETUP_NAMES:
-            yield unknown_key(source, field, setup, list(_SETUP_NAMES))
+        if setup not in DRIVEN_SETUPS:
+            yield unknown_key(source, field, setup, list(DRIVEN_SETUPS))
         if setup in setups[:index]:
             yield refuse(source, field, message("every-setup-once"), setup, message("use-plan-repeats-drive"))
         if setup in FOURDOF_RUNS and survey.head is None:
@@ -67,10 +66,22 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
         elif setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
             remedy = message("stepdiag-fourdof-calibrate-writes")
             yield refuse(source, "head.calibration", message("head-s-id-calibration"), survey.head.calibration, remedy)
+    yield from _lines(survey, source)
+
+
+def _lines(survey: Survey, source: str) -> Iterator[UsageError]:
+    """Judge what is driven on another line than the usual one."""
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
             yield refuse(source, field, message("beam-shifted"), list(offset.offset_mm), message("name-setup-plan-setups"))
+        if offset.setup not in SETUP_NAMES:
+            yield unknown_key(source, f"plan.beam_offset[{index}].setup", offset.setup, list(SETUP_NAMES))
+        signs, size = setup_of(offset.setup).signs, survey.box.size_mm
+        for axis, sign, shift_mm, edge_mm in zip(AXES, signs, offset.offset_mm, size, strict=True):
+            if not sign and not 0.0 <= shift_mm <= edge_mm:
+                field = f"plan.beam_offset[{index}].offset_mm: {axis}"
+                yield refuse(source, field, message("mm-to", low=0.0, high_mm=edge_mm), shift_mm)
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:

@@ -75,8 +75,8 @@ class StreamBuffer:
         self._waiting_bytes = 0
         self._batches: deque[tuple[Samples, SampleClock]] = deque()
         self._notices: dict[Words, Notice] = {}
-        self._told: dict[str, float] = {}
-        self._told_ns: dict[str, int] = {}
+        self._conditions: dict[str, float] = {}
+        self._conditions_ns: dict[str, int] = {}
         self._kept = 0
         self._broken = False
         self._ever_good = False
@@ -113,15 +113,15 @@ class StreamBuffer:
         return self._garbage
 
     @property
-    def told(self) -> Mapping[str, float]:
-        """Return what the instrument itself told last of air and material, by the names of the signals."""
+    def conditions(self) -> Mapping[str, float]:
+        """Return what the instrument itself sent last of air and material, by the names of the signals."""
         self._settle()
-        return self._told
+        return self._conditions
 
-    def told_since(self, time_ns: int) -> Mapping[str, float]:
-        """Return what of that it told after a time."""
+    def conditions_since(self, time_ns: int) -> Mapping[str, float]:
+        """Return what of that it sent after a time."""
         self._settle()
-        return {name: value for name, value in self._told.items() if self._told_ns[name] >= time_ns}
+        return {name: value for name, value in self._conditions.items() if self._conditions_ns[name] >= time_ns}
 
     @property
     def last(self) -> Samples | None:
@@ -249,8 +249,8 @@ class StreamBuffer:
         elif notice.code == "garbage":
             self._garbage += 1
         elif notice.code == "environment" and notice.value is not None:
-            self._told[notice.name] = notice.value
-            self._told_ns[notice.name] = arrival_ns
+            self._conditions[notice.name] = notice.value
+            self._conditions_ns[notice.name] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
         """Return the clock of a new segment; batches already in keep the one they were timed by."""

@@ -34,7 +34,6 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")
-_LIST_QUANTUM_UM = 0.1
 _CSV_NAME = "volumetric_errors.csv"
 
 
@@ -44,6 +43,7 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
     chain: str | None = None
+    turned: bool | None = None
     negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description="axes-such-as")] = ""
     cross_sense: Sense | None = None
     master_word: Literal["slave_ax_nr", "master_ax_nr"] = "slave_ax_nr"
@@ -58,6 +58,8 @@ _TEMPLATE = """\
 way = "?"                     # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
 axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
 # chain = "FXYZ"              # volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
+# turned = false              # with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them already, so that
+#                             # the survey sees them as axes of the tool (workpiece_axes 0); where it turns some of them: leave chain out
 # negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
 # cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
 # master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")
@@ -100,7 +102,7 @@ class Beckhoff:
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
             return self.plan(curves, profile)
-        levers = levers_of(options.chain, own=True)
+        levers = levers_of(_chain_held(options, profile.source), own=True)
         found = columns_of(curves, products, levers, profile)
         tables = [*_volumetric(found.curves, profile, options)]
         for angle in found.angles:
@@ -134,7 +136,7 @@ class Beckhoff:
                 senses = {SSFK: _SSFK_LAW.sense, CROSS: options.cross_sense}
                 tables += parameter_list.read(file, profile, options.axis_numbers, senses)
             else:
-                levers = None if options.chain is None else levers_of(options.chain, own=True)
+                levers = None if options.chain is None else levers_of(_chain_held(options, profile.source), own=True)
                 laws = _volcomp_laws(profile, options)
                 tables += csv.read(file, profile, csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers))
         if not tables:
@@ -192,6 +194,24 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
     return {letter: _volcomp_law(letter, options) for letter in "XYZ"}
 
 
+def _chain_held(options: BeckhoffOptions, source: str) -> str:
+    """Return the chain as the control has to take it (ISG 296411019, P-VOLC-00008).
+
+    An axis on the workpiece side that the axis parameters turn already (vz_istw, vz_stellgr) is an axis of the tool for the survey, and has
+    to be one for the control. What its angles do with its own position, which an axis of the tool has not, is in its curves then.
+    Raises ``UsageError`` where a chain with such axes leaves that open.
+    """
+    chain = options.chain or ""
+    work, tool = parse_chain(chain)
+    if work and options.turned is None:
+        axes = ["XYZ"[axis] for axis in work]
+        raise UsageError(
+            f"{source}: beckhoff.turned", expected=message("turned-or-not", axes=axes), found=message("nothing"),
+            remedy=message("see-vz-istw"),
+        )  # fmt: skip
+    return "F" + "".join("XYZ"[axis] for axis in (*work, *tool)) if options.turned else chain
+
+
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
     """Return the squarenesses that get a column: where it makes no difference whether one turns the axes that its axis carries."""
     order = "" if options.chain is None else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
@@ -214,7 +234,7 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
     for curve in curves:
         place: dict[str, int | str] = {"list": f"achskw{options.axis_numbers.get(curve.output_axis, 0)}.lis"}
         if curve.name in POSITIONING:
-            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=_LIST_QUANTUM_UM, place=place)
+            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=parameter_list.QUANTUM_UM, place=place)
             continue
         other = masters.setdefault(curve.output_axis, curve.input_axis)
         if other != curve.input_axis:
@@ -237,7 +257,7 @@ def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict
             remedy=message("no-page"),
         )
     law = Law(sense=options.cross_sense)
-    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=_LIST_QUANTUM_UM, place=place)
+    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=parameter_list.QUANTUM_UM, place=place)
 
 
 def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Finding]:
@@ -263,8 +283,11 @@ def _configuration(profile: Profile, options: BeckhoffOptions) -> Iterator[str]:
     for letter in _numbered(profile, options):
         yield f"{letter} {options.axis_numbers[letter]}"
     if options.chain is not None:
-        work, tool = parse_chain(options.chain)
-        yield "# DERIVED, not READ: axes from workpiece to tool, the first of which carry the workpiece (P-VOLC-00007, P-VOLC-00008)"
+        work, tool = parse_chain(_chain_held(options, profile.source))
+        yield "# chain: a string (P-VOLC-00007), its order from workpiece to tool DERIVED, not READ"
+        yield "# workpiece_axes: how many of them carry the workpiece (P-VOLC-00008)"
+        if options.turned:
+            yield "# vz_istw or vz_stellgr turns the axes on the workpiece side: they count as axes of the tool"
         yield f"chain {''.join('XYZ'[axis] for axis in (*work, *tool))}"
         yield f"workpiece_axes {len(work)}"
     yield from ("interpolation GRID", f"file[0] {_CSV_NAME}", "file_format[0] ISG_CSV")

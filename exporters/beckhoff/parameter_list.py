@@ -14,7 +14,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 _UNITS_PER_MM = 10000.0
-_UM = 0.1
+QUANTUM_UM = 0.1
+"""Least value of a list."""
 _LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)\Z")
 _MASTER_WORDS = ("slave_ax_nr", "master_ax_nr")
 Values = Mapping[str, tuple[str, str]]
@@ -56,13 +57,13 @@ def _ssfk_lines(tables: Sequence[Table]) -> Iterator[str]:
     yield from (f"kw.ssfk.table[{index}].setpoint {at}" for index, at in enumerate(position))
     for table in tables:
         column = "neg" if table.direction < 0 else "pos"
-        yield from (f"kw.ssfk.table[{index}].{column} {value}" for index, value in enumerate(_units(table.value_um, 1 / _UM)))
+        yield from (f"kw.ssfk.table[{index}].{column} {value}" for index, value in enumerate(_units(table.value_um, 1 / QUANTUM_UM)))
 
 
 def _cross_lines(table: Table, master: int, master_word: str) -> Iterator[str]:
     position = _units(table.position_mm, _UNITS_PER_MM)
     yield from (f"kw.crosscomp.last_index {len(position) - 1}", f"kw.crosscomp.{master_word} {master}", "kw.crosscomp.unit 1")
-    for index, (at, value) in enumerate(zip(position, _units(table.value_um, 1 / _UM), strict=True)):
+    for index, (at, value) in enumerate(zip(position, _units(table.value_um, 1 / QUANTUM_UM), strict=True)):
         yield from (f"kw.crosscomp.table[{index}].setpoint {at}", f"kw.crosscomp.table[{index}].correction {value}")
 
 
@@ -105,7 +106,7 @@ def _ssfk(file: ControlFile, values: Values, letter: str, profile: Profile, sens
         position = _column(file, values, "kw.ssfk", "setpoint", count) / _UNITS_PER_MM
     bilateral = _whole(file, values, "kw.ssfk.bilateral", 0)
     for direction, column in ((1, "pos"), (-1, "neg")) if bilateral else ((0, "pos"),):
-        value_um = _column(file, values, "kw.ssfk", column, count) * _UM
+        value_um = _column(file, values, "kw.ssfk", column, count) * QUANTUM_UM
         yield _table(file, "ssfk", (letter, letter), (position, value_um), profile, senses, direction)
 
 
@@ -120,7 +121,7 @@ def _cross(
         raise DataError(where, expected=message("other-logical"), found=master)
     count = _count(file, values, "kw.crosscomp.last_index") + 1
     position = _column(file, values, "kw.crosscomp", "setpoint", count) / _UNITS_PER_MM
-    value_um = _column(file, values, "kw.crosscomp", "correction", count) * _UM
+    value_um = _column(file, values, "kw.crosscomp", "correction", count) * QUANTUM_UM
     return _table(file, "crosscomp", (letters[master], letter), (position, value_um), profile, senses, 0)
 
 
@@ -140,7 +141,7 @@ def _table(
         output_axis=axes[1],
         position_mm=position,
         value_um=value_um,
-        quantum_um=_UM,
+        quantum_um=QUANTUM_UM,
         law=Law(sense=sense),
         reference_mm=profile.axis(axes[0]).reference_mm,
         direction=direction,

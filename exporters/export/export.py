@@ -16,7 +16,7 @@ import numpy as np
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
-from stepdiag.base.result.result import Result
+from stepdiag.base.result.result import AXIS_LETTERS, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
@@ -41,8 +41,8 @@ from stepdiag.exporters.safety.standing import Standing, standing_findings
 from stepdiag.exporters.safety.state import state_findings
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.controller import Controller, Plan
-from stepdiag.exporters.tables.profile import AXIS_LETTERS, Profile
+from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
+from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
 """The points of a quick look meet what was measured to this; targets that are not even need a part of the survey's increments."""
@@ -88,9 +88,10 @@ def export(
         *standing_findings(standing, result, case.profile),
         *state_findings(result, case.previous, case.profile.machine.measured_with),
     )
-    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
+    where = message("export-of", control=controller)
+    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, where)
     prediction = predict(result, *standing.acting(result, case.profile))
-    refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
+    refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, where)
     all_findings = (
         *findings,
         *plan.findings,
@@ -191,11 +192,12 @@ def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     readable = [file for file in rendered if file.role == "data"]
     read = case.controller.parse(readable, case.profile)
     errors = [item for item in gate_findings(case, read, standing) if item.severity == "error"]
-    refuse((*check_round_trip(case.tables, read), *errors), (), "files as written")
+    refuse((*check_round_trip(case.tables, read), *errors), (), message("files-as-written"))
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)
     suffix = UNTESTED if kinds else ""
-    return [*(replace(file, name=suffixed(file.name, suffix)) for file in rendered), *restore]
+    read_out = case.controller.read_back(case.tables, case.profile) if isinstance(case.controller, Reporting) else ()
+    return [*(replace(file, name=suffixed(file.name, suffix)) for file in rendered), *restore, *read_out]
 
 
 def _refused(text: str, error: SafetyError) -> bytes:

@@ -8,6 +8,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.result.basis import Basis, basis_of, scales_in_words
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, movement_um
+from stepdiag.exporters.safety.read_back import STEPS
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
@@ -32,7 +33,7 @@ def _head(case: Case) -> Iterator[str]:
     yield f"Compensation for {case.controller.title}"
     yield f"machine: {machine.name}; profile: {case.profile.source}"
     yield f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method {result.method}, chain {result.chain}"
-    yield f"written by {result.software.name} {result.software.version}; lengths in mm, errors in um, e = actual - commanded"
+    yield f"written by {result.software.name} {result.software.version}; lengths in mm, errors in µm, e = actual - commanded"
     yield f"directions: {machine.direction}; compensation while measuring: {_state(case)}"
     for letter, axis in case.profile.axes.items():
         yield f"axis {letter}: {axis.name}, {case.profile.grid_words(letter)}, zero at {axis.reference_mm:g}"
@@ -52,7 +53,7 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
-    yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in um (k = 2)"
+    yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in µm (k = 2)"
     yield f"  {'':<30}{'rms':>16}{'largest':>16}"
     for name, figures in prediction.predicted.parts().items():
         for when, found in figures.items():
@@ -74,22 +75,22 @@ def _basis(found: Basis) -> Iterator[str]:
         )
         yield f"  the tables correct lengths {names[found.tables]}; {warm}"
         if found.scales:
-            yield f"  scales {names[found.tables]}, um/m (k = 2): {scales_in_words(found.scales)}"
+            yield f"  scales {names[found.tables]}, µm/m (k = 2): {scales_in_words(found.scales)}"
         yield f"  scales {names[found.beside]}, in no table: {scales_in_words(found.other) or 'not known'}"
-    yield from (f"  {name} {value:g}: assumed where no sensor told it" for name, value in found.air.items())
+    yield from (f"  {name} {value:g}: assumed where no sensor measured it" for name, value in found.air.items())
     yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
     if found.tool_um is not None:
-        yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} um"
+        yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} µm"
 
 
 def _tables(case: Case, plan: Plan) -> Iterator[str]:
     for kind in dict.fromkeys(table.kind for table in plan.tables):
         law = next(table.law for table in plan.tables if table.kind == kind)
-        yield f"LAW of {kind}: {law.describe()}"
+        yield f"LAW of {kind}: {law.words}"
     for table in plan.tables:
-        yield from ("", f"TABLE {table.label}, one unit is {table.quantum_um:g} um", *_rows(case, table))
+        yield from ("", f"TABLE {table.label}, one unit is {table.quantum_um:g} µm", *_rows(case, table))
     for table in plan.listed:
-        yield from ("", f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} um", *_rows(case, table))
+        yield from ("", f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} µm", *_rows(case, table))
 
 
 def _rows(case: Case, table: Table) -> Iterator[str]:
@@ -101,7 +102,7 @@ def _changes(case: Case) -> Iterator[str]:
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name]
         if before:
-            yield f"CHANGE of {table.label}: movement in um"
+            yield f"CHANGE of {table.label}: movement in µm"
             yield f"  {'position mm':>14} {'old':>10} {'new':>10} {'change':>10}"
             old, new = movement_um(table, before), movement_um(table, [table])
             for at, was, will in zip(table.position_mm, old, new, strict=True):
@@ -113,6 +114,10 @@ def _steps(case: Case) -> Iterator[str]:
     untested = "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record in the profile."
     steps = (*case.controller.instructions(case.profile), untested)
     yield from (f"  {number}. {step}" for number, step in enumerate(steps, start=1))
+    if case.controller.name in STEPS:
+        yield "READ BACK"
+        yield f"  1. {STEPS[case.controller.name]}"
+        yield "  2. stepdiag verify RESULT FOLDER --profile PROFILE --read-back FILE: every number and switch, as the control holds it now."
     yield "CHECK AFTER LOADING"
     yield "  1. Reference all axes. Drive to the reference position: no jump when the table is switched on."
     yield "  2. Measure one axis again: the residual must be smaller than before; otherwise load the restore files."

@@ -23,7 +23,7 @@ from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
-from stepdiag.exporters.safety.verdicts.curve import COVERED
+from stepdiag.exporters.safety.verdicts.case import COVERED
 from stepdiag.exporters.safety.verify import Prediction, harm_findings, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import plausible_slope_um_mm
@@ -37,7 +37,7 @@ def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> 
     held = lattice.lattice_of(result, steps_mm)
     steps = " x ".join(f"{each:g}" for each in steps_mm) if len(set(steps_mm)) > 1 else f"{steps_mm[0]:g}"
     file, remarks = lattice.render(held), tuple(_beside(result, held))
-    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {steps} mm\n"
+    text = f"{file.name}: what has to be added to the command at each vertex, in µm; step {steps} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
     text += "".join(f"{item.code}: {item.words}\n" for item in remarks)
     require_clean([file])
@@ -72,10 +72,10 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
         *_stated(result, profile),
         *_beside(result, held),
     )
-    refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
+    refuse([item for item in findings if item.severity != "info"], accept, message("export-of", control="linuxcnc"))
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
-    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, "export for linuxcnc")
+    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, message("export-of", control="linuxcnc"))
     findings = (*findings, *harm_findings(prediction, result))
     joints = profile.options_as(LinuxCncOptions).joints
     files = kinematics.control_files(held, profile, joints)
@@ -166,7 +166,7 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
         *(f"  {item.severity:<8} {item.code}: {item.words}" for item in findings),
         *([f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"] if unknown else []),
         "",
-        "PREDICTED VOLUMETRIC ERROR without rigid motion, in um (k = 2)",
+        "PREDICTED VOLUMETRIC ERROR without rigid motion, in µm (k = 2)",
         *(f"  {line}" for line in _effect(prediction)),
         "",
         "LAW: joint = command + lattice(command), trilinear, faces held; stated by the source of the component",

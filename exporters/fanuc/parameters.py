@@ -103,5 +103,5 @@ def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tup
         knots = zip(str(table.place["points"]).split(), table.position_mm, values, strict=True)
         return (*rows, *(f"point {point:>5} at {position:>12.4f} mm: {value:>6}" for point, position, value in knots))
     data = zip(stored_in(table).items(), table.position_mm[1:], table.absolute_um[1:], strict=True)
-    head = f"{'point':>6} {'up to mm':>14} {'data':>6} {'absolute um':>12}"
+    head = f"{'point':>6} {'up to mm':>14} {'data':>6} {'absolute µm':>12}"
     return (*rows, head, *(f"{point:>6} {at:>14.4f} {count:>6} {fixed(absolute, 3):>12}" for (point, count), at, absolute in data))

@@ -31,9 +31,7 @@ def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOpti
         tables += reader.inclination(letter)
     for name, numbers in {**found_in(files, options), **options.straightness}.items():
         if name not in STRAIGHTNESS:
-            raise UsageError(
-                f"{profile.source}: fanuc.straightness.{name}", expected=message("expects-one-of", names=STRAIGHTNESS), found=name
-            )
+            raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected=message("one-of", names=STRAIGHTNESS), found=name)
         tables += reader.straightness(name, numbers)
     return tuple(tables)
 

@@ -11,10 +11,11 @@ import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
+from stepdiag.base.disk.part import folder_made, part_of, write_through
+from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, SafetyError, UsageError, system_words
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
 from stepdiag.base.messages import Words, message
-from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
 
@@ -38,7 +39,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
         if not _stands_there(target, everything):
             _place(target, everything)
     except OSError as error:
-        raise UsageError(str(folder), expected=message("expects-written"), found=system_words(error)) from error
+        raise UsageError(str(folder), expected=message("folder-writable"), found=system_words(error)) from error
     return tuple(file.name for file in everything)
 
 

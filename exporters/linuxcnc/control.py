@@ -25,6 +25,7 @@ from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named_by, unless_named
+from stepdiag.exporters.linuxcnc.read_back import read_back_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -156,6 +157,10 @@ class LinuxCnc:
         if profile.machine.measured_with == "off" or not profile.existing:
             return ()
         return tuple(table for table in self.parse(profile.existing, profile) if table.kind == SCREW)
+
+    def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return ``READ_BACK.ngc`` and the reader that runs beside it."""
+        return read_back_files([table for table in tables if table.kind == SCREW], unit_mm(profile))
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file sets matrixkins, or begins with three numbers and is named after one axis."""

@@ -124,7 +124,7 @@ def _largest_mm(held: Lattice, axis: int) -> float:
 def instructions(profile: Profile) -> tuple[str, ...]:
     """Return the steps for the person who maintains the configuration."""
     return (
-        f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice is in mm and um, the component converts it.",
+        f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice is in mm and µm, the component converts it.",
         f"Once for each LinuxCNC version: apt install linuxcnc-uspace-dev, then sudo halcompile --install {SOURCE}.",
         f"Copy lattice.csv and {HAL} beside the INI file.",
         f"Change the INI file as {NAME} says: its KINEMATICS line in the place of the present one, its HALFILE line after the others.",

@@ -130,7 +130,7 @@ class Mitsubishi:
         unit = profile.options_as(MitsubishiOptions).output_unit_um
         return (
             "Back up all parameters.",
-            f"See that the output unit is {unit:g} um: the factor 2 of the manual's formulas is taken to mean half a setting unit.",
+            f"See that the output unit is {unit:g} µm: the factor 2 of the manual's formulas is taken to mean half a setting unit.",
             "Key in the list. #4007 is given in mm: enter it in the control's setting unit.",
             "Switch off and on, return to the reference point.",
             "Sign test first. Measure again; if the residual has grown, key in the restore list.",

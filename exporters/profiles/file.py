@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import AXIS_LETTERS
 from stepdiag.base.settings import convert, nearest, read_toml, require_answers
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
@@ -21,7 +22,6 @@ from stepdiag.exporters.programs.settings import ProgramSection
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.profile import (
-    AXIS_LETTERS,
     MOST_EXISTING,
     AxisSection,
     LimitsSection,

@@ -33,7 +33,8 @@ A0Z = "EYZ"                   # EYZ or EZY
 # [[sign_test]]               # one for each kind of table: what the sign test showed on this machine, valid for 12 months
 {kind_line}
 # date = 2026-01-31
-# verdict = "as-error"        # or "as-compensation"
+# verdict = "as-error"        # or "as-compensation"; machine, control and files as `stepdiag signtest` prints them: without them
+#                             # the record is no evidence
 
 """
 

@@ -8,7 +8,7 @@ and searched. It states the setup and the stop to the PLC, which puts them into 
 
 from stepdiag.exporters.programs.linuxcnc import companion_files
 from stepdiag.exporters.programs.programs import CONTROLS, Program, default_decimals, default_signals, nc_programs, program_name
-from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number
+from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of
 from stepdiag.exporters.programs.signals import Signals
 
 __all__ = [
@@ -24,5 +24,4 @@ __all__ = [
     "nc_programs",
     "passes_of",
     "program_name",
-    "setup_number",
 ]

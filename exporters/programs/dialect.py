@@ -8,9 +8,10 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS
-from stepdiag.base.setups import setup_of
-from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
+from stepdiag.base.names import AXES
+from stepdiag.base.setups import CODED_FROM, setup_code, setup_of
+from stepdiag.exporters.programs.jogs import Jog
+from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, travel_mm
 from stepdiag.exporters.programs.signals import Signals
 
 
@@ -26,7 +27,7 @@ class Job:
     @property
     def register(self) -> int:
         """Return the number shown in the PLC's setup register."""
-        return setup_number(self.setup)
+        return setup_code(self.setup, self.sequence.setups)
 
     @property
     def base(self) -> str:
@@ -40,7 +41,9 @@ class Job:
 
     @property
     def program_number(self) -> int:
-        """Return 8000 + the setup number; each beam offset adds a hundred."""
+        """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the k-th setup of the plan."""
+        if self.register > CODED_FROM:
+            return 7000 + self.register - CODED_FROM
         return 8000 + self.register + 100 * setup_of(self.setup).shift
 
 
@@ -77,6 +80,10 @@ class Dialect(ABC):
         """Return the safe start: known modes, no offset or transformation left active, and a halt until the operator agrees."""
 
     @abstractmethod
+    def ask(self, text: str) -> list[str]:
+        """Return the halt with a text for the operator, who starts the program on; ``text`` is ASCII without brackets."""
+
+    @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
         """Return a straight move in machine coordinates at measuring feed that ends in an exact stop."""
 
@@ -109,7 +116,8 @@ class Dialect(ABC):
     def _header(self, job: Job) -> Iterator[str]:
         sequence = job.sequence
         low, high = travel_mm(sequence, job.setup)
-        order = f", axis order {sequence.axis_order}" if job.base in BODY_DIAGONALS else ""
+        orders = " ".join(dict.fromkeys(sequence.axis_orders or (sequence.axis_order,)))
+        order = f", axis order {orders}" if setup_of(job.setup).kind in ("step", "face") else ""
         yield f"stepdiag survey {_ascii(sequence.name)}: setup {_spoken(job.setup)}{order}"
         yield f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} mm/min, dwell {plain(sequence.dwell_s)} s"
         yield "machine coordinates, travel in mm with overrun:"
@@ -117,6 +125,8 @@ class Dialect(ABC):
             yield f"  {name} from {plain(round(least, job.decimals))} to {plain(round(most, job.decimals))}"
         yield "the first move goes straight from where the axes stand to the first point"
         yield f"the plc shows setup {job.register} while this runs, 0 at the end"
+        if any(each.jogs for each in passes_of(sequence, job.setup)):
+            yield "this run commissions the head: the other axes are jogged at both ends, the operator is asked to wobble and to block"
         if sequence.handshake:
             yield "handshake: every stop is held until the plc shows its counter as captured"
         yield from self.checked
@@ -130,7 +140,16 @@ class Dialect(ABC):
             yield self.comment("approach from outside: backlash taken up")
             yield self._moved(job, each.approach_mm)
         for stop in each.stops:
+            for jog in each.jogs.get(stop.stop, ()):
+                yield from self._jog_blocks(job, jog)
             yield from self._stop_blocks(job, each, stop)
+
+    def _jog_blocks(self, job: Job, jog: Jog) -> Iterator[str]:
+        yield self._moved(job, jog.position_mm)
+        if jog.ask:
+            yield from self.ask(jog.ask)
+        if jog.stand_s > 0.0:
+            yield from self.dwell(self.number(jog.stand_s))
 
     def _stop_blocks(self, job: Job, each: Pass, stop: Stop) -> Iterator[str]:
         axis = f"{stop.axis} moves" if stop.axis else "first stop"

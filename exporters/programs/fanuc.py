@@ -66,8 +66,12 @@ class Fanuc(Dialect):
             "G53",
             "IF[[ABS[#5021-#5041]+ABS[#5022-#5042]+ABS[#5023-#5043]]GT0.003]THEN #3000=6(WORK IS NOT MACHINE POS)",
             "M05",
-            "M00 (MIRROR ON, BEAM RETURNS, WAY TO THE FIRST STOP FREE)",
+            *self.ask("mirror on, beam returns, way to the first stop free"),
         ]
+
+    def ask(self, text: str) -> list[str]:
+        """Return the halt with its text on the screen."""
+        return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
         """Return a move with G54 at zero: machine coordinates at feed, which G53 gives only in rapid."""

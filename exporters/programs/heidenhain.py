@@ -97,9 +97,12 @@ class Heidenhain(Dialect):
             "CYCL DEF 11.0 SCALING",
             "CYCL DEF 11.1 SCL 1",
             *(block for number, check in enumerate(_CHECKS) for block in check.blocks(90 + 2 * number)),
-            "; mirror on, beam returns, way to the first stop free?",
-            "STOP M5",
+            *self.ask("mirror on, beam returns, way to the first stop free?"),
         ]
+
+    def ask(self, text: str) -> list[str]:
+        """Return the halt; its text is the block before."""
+        return [self.comment(text), "STOP M5"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
         """Return a straight move from the machine datum, every coordinate with its sign."""

@@ -65,9 +65,12 @@ class LinuxCNC(Dialect):
         return [
             "G21 G17 G40 G49 G80 G90 G94 G61.1",
             "M5",
-            "(MSG, mirror on, beam returns, way to the first stop free?)",
-            "M0",
+            *self.ask("mirror on, beam returns, way to the first stop free?"),
         ]
+
+    def ask(self, text: str) -> list[str]:
+        """Return the halt with its text on the screen."""
+        return [f"(MSG, {text})", "M0"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
         """Return a move without any offset."""

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
+from stepdiag.base.volume import ROUNDING_MM
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.fanuc import Fanuc
 from stepdiag.exporters.programs.heidenhain import Heidenhain
@@ -22,8 +23,6 @@ _DIALECTS: Mapping[str, Dialect] = MappingProxyType(
 )
 CONTROLS = tuple(_DIALECTS)
 """The controls for which `nc_programs` can write."""
-
-_SLACK_MM = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +72,7 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
         low, high = travel_of(sequence, setup)
         for index, axis in enumerate(AXES):
             least, most = limits_mm.get(axis, (-math.inf, math.inf))
-            if low[index] < least - _SLACK_MM or high[index] > most + _SLACK_MM:
+            if low[index] < least - ROUNDING_MM or high[index] > most + ROUNDING_MM:
                 raise SafetyError(
                     f"plan.setups: {setup}, {axis.upper()}",
                     code="beyond-travel.program",
@@ -101,5 +100,5 @@ def program_name(sequence: Sequence, control: str, setup: str) -> str:
 
 def _dialect(control: str) -> Dialect:
     if control not in _DIALECTS:
-        raise UsageError("controller", expected=message("expects-one-of", names=CONTROLS), found=repr(control))
+        raise UsageError("controller", expected=message("one-of", names=CONTROLS), found=repr(control))
     return _DIALECTS[control]

@@ -1,15 +1,17 @@
 """What a survey drives: the ordered stops of every pass, and where each pass begins its approach."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS, SETUP_NUMBERS
+from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import Vector, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Vector, Volume
+from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
 """The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""
@@ -20,7 +22,8 @@ class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
     ``setups`` are run one program each; a body diagonal measured again through a shifted beam is called ``ppp+1``: it drives the
-    same stops and shows the PLC the same setup number, only the laser stands elsewhere. ``overrun_mm`` is how far outside its first
+    same stops and shows the PLC the same setup number, only the laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders`` and
+    ``targets`` are those of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is how far outside its first
     stop a pass begins, so that every axis that moves has taken up its backlash; 0 approaches from nowhere.
     """
 
@@ -34,6 +37,27 @@ class Sequence:
     dwell_s: float = 2.0
     overrun_mm: float = 5.0
     handshake: bool = False
+    axis_orders: tuple[str, ...] = ()
+    targets: int = 0
+    beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    commission: bool = False
+    """Whether the first pass of a run of the 4-DOF head commissions it on its way (`jogs_at`)."""
+
+    @property
+    def plan(self) -> Plan:
+        """Return it as a plan."""
+        runs = tuple(
+            Run(
+                setup=setup,
+                repeats=self.repeats,
+                return_pass=self.return_pass,
+                beam_offset_mm=self.beam_offset_mm.get(setup, (0.0, 0.0, 0.0)),
+                axis_orders=self.axis_orders,
+                targets=self.targets,
+            )
+            for setup in self.setups
+        )
+        return Plan(volume=self.volume, runs=runs, axis_order=self.axis_order)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +83,8 @@ class Pass:
     number: int
     approach_mm: tuple[float, float, float] | None
     stops: tuple[Stop, ...]
+    jogs: Mapping[int, tuple[Jog, ...]] = field(default_factory=dict)
+    """What is driven before the move to a stop."""
 
     @property
     def outward(self) -> bool:
@@ -66,23 +92,9 @@ class Pass:
         return self.number % 2 == 1
 
 
-def setup_number(setup: str) -> int:
-    """Return the number of the machine's ``setup`` register; a beam offset has that of its diagonal.
-
-    Raises ``UsageError`` for a name that is no setup.
-    """
-    travel = setup_of(setup, "plan.setups", tuple(SETUP_NUMBERS.values()))
-    if travel.shift and not travel.is_diagonal:
-        raise UsageError("plan.setups", expected=message("shifted-beam-on-body"), found=repr(setup))
-    return next(number for number, name in SETUP_NUMBERS.items() if name == travel.base)
-
-
-def line_stops_mm(sequence: Sequence, setup: str) -> Vector:
-    """Return the commanded positions of the outward pass of a setup, shape (stops, 3)."""
-    travel = setup_of(setup)
-    if travel.is_diagonal:
-        return diagonal_stops_mm(sequence.volume, travel.base, sequence.axis_order)
-    return linear_stops_mm(sequence.volume, travel.base)
+def line_stops_mm(sequence: Sequence, setup: str, number: int = 1) -> Vector:
+    """Return the commanded positions of a pass of a setup, shape (stops, 3)."""
+    return run_stops_mm(sequence.plan, sequence.plan.run_of(setup), number)
 
 
 def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
@@ -91,12 +103,13 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     The counter goes on from setup to setup in the order of ``sequence.setups``.
     """
     check(sequence)
-    outward = line_stops_mm(sequence, setup)
     count = 1 + sum(_stops_in(sequence, before) for before in sequence.setups[: sequence.setups.index(setup)])
     passes = []
     for number in _pass_numbers(sequence):
-        stops = outward if number % 2 == 1 else outward[::-1]
+        stops = line_stops_mm(sequence, setup, number)
         passes.append(_pass(sequence, number, stops, count))
+        if sequence.commission and number == 1 and setup_of(setup).is_fourdof:
+            passes[0] = replace(passes[0], jogs=_jogs(stops, setup_of(setup).axis))
         count += len(stops)
     return tuple(passes)
 
@@ -106,7 +119,11 @@ def travel_mm(sequence: Sequence, setup: str) -> Vector:
     points = [
         point
         for each in passes_of(sequence, setup)
-        for point in (each.approach_mm, *(stop.position_mm for stop in each.stops))
+        for point in (
+            each.approach_mm,
+            *(stop.position_mm for stop in each.stops),
+            *(jog.position_mm for jogs in each.jogs.values() for jog in jogs),
+        )
         if point is not None
     ]
     return np.array([np.min(points, axis=0), np.max(points, axis=0)])
@@ -114,23 +131,24 @@ def travel_mm(sequence: Sequence, setup: str) -> Vector:
 
 def check(sequence: Sequence) -> None:
     """Raise ``UsageError`` for a sequence that cannot be driven."""
-    for field, number, least in (
+    for name, number, least in (
         ("feed_mm_min", sequence.feed_mm_min, "above 0"),
         ("dwell_s", sequence.dwell_s, "above 0"),
         ("overrun_mm", sequence.overrun_mm, "of 0 or above"),
     ):
         if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
-            raise UsageError(f"plan.{field}", expected=message("number-limits", limits=least), found=repr(number))
+            raise UsageError(f"plan.{name}", expected=message("number-limits", limits=least), found=repr(number))
     if sequence.repeats < 1:
         raise UsageError("plan.repeats", expected=message("1-or-more"), found=repr(sequence.repeats))
-    if sorted(sequence.axis_order) != list(AXES):
-        raise UsageError("volume.axis_order", expected=message("each-x-y-z"), found=repr(sequence.axis_order))
+    for order in (sequence.axis_order, *sequence.axis_orders):
+        if sorted(order) != list(AXES):
+            raise UsageError("volume.axis_order", expected=message("each-x-y-z"), found=repr(order))
     _check_setups(sequence)
 
 
 def _check_setups(sequence: Sequence) -> None:
     for setup in sequence.setups:
-        setup_number(setup)
+        setup_of(setup, "plan.setups")
     if not sequence.setups or len(set(sequence.setups)) < len(sequence.setups):
         raise UsageError("plan.setups", expected=message("at-least-one-setup"), found=", ".join(sequence.setups) or message("none"))
     total = sum(_stops_in(sequence, setup) for setup in sequence.setups)
@@ -166,6 +184,12 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
             Stop(stop=index, count=count + index, axis=moved[index], position_mm=_triple(stops[index])) for index in range(len(stops))
         ),
     )
+
+
+def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
+    """Return the jogs by the stop before whose move they stand: those at the near end after its own, at the far end before it."""
+    near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
+    return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}
 
 
 def _triple(point: Vector) -> tuple[float, float, float]:

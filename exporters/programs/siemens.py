@@ -61,10 +61,12 @@ class Siemens(Dialect):
             "GOTOB STEP_CHECK",
             "ENDIF",
             "M5",
-            'MSG("Mirror on, beam returns, way to the first stop free?")',
-            "M0",
-            "MSG()",
+            *self.ask("mirror on, beam returns, way to the first stop free?"),
         ]
+
+    def ask(self, text: str) -> list[str]:
+        """Return the halt with its text on the screen."""
+        return [f'MSG("{text[0].upper()}{text[1:]}")', "M0", "MSG()"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
         """Return a move without any offset."""

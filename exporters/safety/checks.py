@@ -13,11 +13,12 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector
+from stepdiag.base.volume import ROUNDING_MM, Vector
 from stepdiag.exporters.neutral import curves_csv
+from stepdiag.exporters.safety.sign_evidence import subject
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
@@ -26,8 +27,6 @@ from stepdiag.exporters.tables.tables import Table, correction_um, mean_correcti
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
 _ZERO_UM = 1e-3
-_ONE_PLACE_MM = 1e-6
-"""Positions so close to each other are one: no control knows them apart, and a slope between them is none."""
 _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fagor")
 
 
@@ -56,7 +55,7 @@ def check_finite(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
             yield finding("error", message("file-unsound.number", label=table.label))
-        elif np.any(np.diff(table.position_mm) <= _ONE_PLACE_MM):
+        elif np.any(np.diff(table.position_mm) <= ROUNDING_MM):
             yield finding("error", message("grid-unfit.order", label=table.label))
 
 
@@ -255,7 +254,7 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
             yield finding("error", message("file-unsound.read-back", label=table.label, um=off))
 
 
-def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
+def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
     """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that nobody accepted."""
     refusing = [item for item in findings if item.severity != "info"]
     open_findings = [item for item in refusing if item.severity == "error" or not item.is_accepted(accept)]
@@ -274,10 +273,16 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -
 
 
 def untested_kinds(case: Case) -> tuple[str, ...]:
-    """Return the kinds of table without a sign test in the twelve months before today; neutral curves have no sense to test."""
+    """Return the kinds of table without a sign test of this machine, control and measuring system in the twelve months before today.
+
+    Neutral curves have no sense to test.
+    """
     if case.controller.name == curves_csv.NAME:
         return ()
-    tested = {record.kind for record in case.profile.sign_tests if 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS}
+    about = subject(case.controller.name, case.profile)
+    tested = {
+        record.kind for record in case.profile.sign_tests if about.covers(record) and 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS
+    }
     return tuple(sorted({table.kind for table in case.tables} - tested))
 
 

@@ -17,7 +17,7 @@ def require_same_machine(result: Result, profile: Profile) -> None:
     measured = "" if result.survey is None else result.survey.machine
     if profile.assumed or measured.strip().lower() in UNANSWERED:
         return
-    if _plain(measured) != _plain(profile.machine.name):
+    if not same_name(measured, profile.machine.name):
         raise SafetyError(
             f"{profile.source}: machine.name",
             code="survey-differs.machine",
@@ -27,5 +27,6 @@ def require_same_machine(result: Result, profile: Profile) -> None:
         )
 
 
-def _plain(name: str) -> str:
-    return "".join(name.lower().split())
+def same_name(one: str, other: str) -> bool:
+    """Return whether two names are one, but for case and spaces."""
+    return "".join(one.lower().split()) == "".join(other.lower().split())

@@ -14,20 +14,27 @@ from stepdiag.exporters.files.listing import finite, read_lines
 
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
+_GROWTH = 0.01
+"""By so much the growth of a reading may differ from that of the position: no machine errs by 10 mm in a metre."""
 
 
 class SignRun(NamedTuple):
-    """Commanded positions of the input axis, and where the output axis stood there with the table off and on; ascending."""
+    """Commanded positions of the input axis, and where the output axis stood there with the table off and on; ascending.
+
+    ``grows``: the readings of both runs grow with the position, so the direction in which the laser counts is seen.
+    """
 
     position_mm: Vector
     off_um: Vector
     on_um: Vector
+    grows: bool = False
 
 
 def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
     """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same with it on.
 
-    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is missing or the positions differ.
+    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is missing, the positions differ, or the
+    readings of a run do not grow with the position.
     """
     before, after = (_by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on")))
     if len(before) != len(after) or any(abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)):
@@ -38,7 +45,16 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
         )
     position = np.array(list(before))
     shift = 1000.0 * position
-    return SignRun(position, np.array(list(before.values())) - shift, np.array(list(after.values())) - shift)
+    actual = {state: np.array(list(run.values())) for state, run in (("off", before), ("on", after))}
+    for state, um in actual.items():
+        growth = float(np.polyfit(position, um / 1000.0, 1)[0]) if len(position) > 1 else 1.0
+        if abs(growth - 1.0) > _GROWTH:
+            raise DataError(
+                message("sign-test-table", state=state),
+                expected=message("readings-grow"),
+                found=message("laser-backwards", growth=growth) if growth < 0.0 else message("readings-growth", growth=growth),
+            )
+    return SignRun(position, actual["off"] - shift, actual["on"] - shift, grows=True)
 
 
 def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float]:

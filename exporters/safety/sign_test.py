@@ -6,7 +6,6 @@ driven to the same commanded positions with the table off and on, and what the l
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 
 import msgspec
 import numpy as np
@@ -65,12 +64,13 @@ class Bump:
     @property
     def expected_um(self) -> float:
         """Return the movement of the output axis from the reference to the top of the bump if the stated sense is right."""
-        return self._moved_um(self.top_mm) - self._moved_um(self.reference_mm)
+        return float(np.diff(self.moved_um(np.array([self.reference_mm, self.top_mm])))[0])
 
-    def _moved_um(self, at_mm: float) -> float:
+    def moved_um(self, at_mm: Vector) -> Vector:
+        """Return the movement of the output axis at positions of the input axis if the stated sense is right."""
         lever = np.array([0.0 if self.lever is None else self.lever[1]])
         times = [1.0 if table.multiplier is None else table.multiplier.at(lever).item() for table in self.tables]
-        return sum(correction_um(table, np.array([at_mm])).item() * by for table, by in zip(self.tables, times, strict=True))
+        return sum((correction_um(table, at_mm) * by for table, by in zip(self.tables, times, strict=True)), 0.0 * at_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,12 +86,6 @@ class Verdict:
     def text(self) -> str:
         """Return the English sentence."""
         return str(self.words)
-
-    def as_toml(self, day: date) -> str:
-        """Return the record for the profile. Raises ``DataError`` for a test that decided nothing."""
-        if self.sense is None:
-            raise DataError(message("sign-test"), expected=message("test-decides"), found=self.words)
-        return f'[[sign_test]]\nkind = "{self.kind}"\ndate = {day.isoformat()}\nverdict = "{self.sense}"\n'
 
 
 def bump(controller: Controller, profile: Profile, function: str) -> Bump:

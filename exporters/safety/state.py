@@ -13,6 +13,8 @@ A table of another machine, or of before a repair, shows any share (`ALIEN`). Th
 `ALIEN_ODDS`, a third explanation, which takes the odds away where neither of the two fits; and of each table by itself with the
 probability `ALIEN_ODDS`, whatever the state: one function that was repaired says nothing of the others.
 
+One table among several that fits the other state, for the size that the others show, is a forgotten switch: a question that names it.
+
 A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about. Functions are judged by
 kind of table, so that one forgotten switch shows.
 """
@@ -27,6 +29,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.field import from_first
 from stepdiag.base.result.result import Function, Result
 from stepdiag.base.volume import Vector
+from stepdiag.exporters.safety.verdicts.regression import regress
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.tables import Table, summed_um
 
@@ -38,6 +41,8 @@ SEEN = 0.3
 """A share less certain than this says nothing: the old table is no larger than what the survey does not know."""
 CONTRADICTED, DOUBTED = 20.0, 4.0
 """Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
+FEWEST_BESIDE = 2
+"""So many other tables of a kind have to show the size before one of them is judged by itself."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
 """Standard deviation of the share of a table that is of something else, and how often a table is so beside one state."""
 _LOG_K = np.linspace(-1.0, 1.0, 81)
@@ -55,13 +60,18 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A group of tables: their ``names``, the mean share with its standard uncertainty, and the ``odds`` of "on" and of "off"."""
+    """A group of tables: their ``shares``, the mean share with its standard uncertainty, and the ``odds`` of "on" and of "off"."""
 
     kind: str
-    names: tuple[str, ...]
+    shares: tuple[Share, ...]
     value: float
     u: float
     odds: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the functions."""
+        return tuple(share.name for share in self.shares)
 
 
 def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
@@ -80,11 +90,10 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
     at = function.position_mm
     shape = name[1] != name[2] or not function.slope_identified
     measured, old = (from_first(each, at, shape=shape) for each in (function.value, _error_um(tables, at)))
-    squares = float(old @ old)
-    if squares <= 0.0:
+    if not old.any():
         return None
-    u = float(np.abs(old) @ function.u) / squares  # nodes that err together, which is the most that they can do
-    return _seen(name, tables, float(measured @ old) / squares, u)
+    u = float(np.abs(old) @ function.u) / float(old @ old)  # nodes that err together, which is the most that they can do
+    return _seen(name, tables, regress(measured, old).factor, u)
 
 
 def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
@@ -128,30 +137,62 @@ def _group(kind: str, members: Sequence[Share]) -> Judged:
     alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(ALIEN_ODDS)
     odds = {state: float(one - np.logaddexp(other, alien)) for state, one, other in (("on", on, off), ("off", off, on))}
     return Judged(
-        kind=kind, names=tuple(share.name for share in members), value=value, u=float(weights.sum() ** -0.5),
+        kind=kind, shares=tuple(members), value=value, u=float(weights.sum() ** -0.5),
         odds={state: float(np.exp(min(each, 700.0))) for state, each in odds.items()},
     )  # fmt: skip
 
 
 def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
     """Return the logarithm of the likelihood of shares, integrated over the size of the tables."""
-    whole = np.exp(-_LOG_K)
-    prior = -0.5 * (_LOG_K / SIZES) ** 2
-    logs = prior
+    return float(np.logaddexp.reduce(_log_sizes(members, acted=acted)) - np.logaddexp.reduce(_log_sizes((), acted=acted)))
+
+
+def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
+    """Return the logarithm of prior and likelihood for each size of `_LOG_K`."""
+    logs: Vector = -0.5 * (_LOG_K / SIZES) ** 2
     for share in members:
-        u = np.hypot(share.u, CHANGED * whole)
         alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
-        logs = logs + np.logaddexp(np.log((1 - ALIEN_ODDS) / u) - 0.5 * ((share.value - whole + acted) / u) ** 2, alien)
-    return float(np.logaddexp.reduce(logs) - np.logaddexp.reduce(prior))
+        logs = logs + np.logaddexp(np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), alien)
+    return logs
+
+
+def _log_fit(share: Share, *, acted: bool) -> Vector:
+    """Return the logarithm of the likelihood of a share that is of this function, for each size of `_LOG_K`."""
+    whole = np.exp(-_LOG_K)
+    u = np.hypot(share.u, CHANGED * whole)
+    return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2)
+
+
+def apart(group: Judged, *, acted: bool) -> list[str]:
+    """Return the tables of a group, few among the others, that were in the other state than ``acted`` while all the others show it.
+
+    The others show the size of the tables; the state of one is compared for that size. One that fits neither is of something else. A
+    squareness has no switch of its own.
+    """
+    found = []
+    for share in group.shares:
+        rest = [other for other in group.shares if other is not share]
+        sizes = _log_sizes(rest, acted=acted)
+        alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
+        other, same = (_log_fit(share, acted=state) for state in (not acted, acted))
+        odds = np.logaddexp.reduce(sizes + other) - np.logaddexp.reduce(sizes + np.logaddexp(same, alien))
+        if share.name not in SQUARENESS_SLOPE and len(rest) >= FEWEST_BESIDE and odds > np.log(DOUBTED):
+            found.append(share.name)
+    return found if len(found) <= len(group.shares) - FEWEST_BESIDE else []
 
 
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
     """Yield an error where the data contradict what is stated of the compensation ("on" or "off"), a warning where they doubt it."""
     for group in judged(shares(result, tables)):
         against = group.odds["on" if stated == "off" else "off"]
+        each = [message("share-of-table", name=share.name, share=share.value) for share in group.shares]
+        share, expanded = group.value, 2 * group.u
+        alone = apart(group, acted=stated == "on") if group.odds[stated] > DOUBTED else []
         if against > CONTRADICTED:
-            text = message("compensation-contradicted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
+            text = message("compensation-contradicted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
             yield finding("error", text)
         elif against > DOUBTED:
-            text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=group.value, expanded=2 * group.u)
+            text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
             yield finding("warning", text)
+        elif alone:
+            yield finding("warning", message("compensation-contradicted.one", names=alone, each=each, stated=stated))

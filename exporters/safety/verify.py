@@ -31,9 +31,8 @@ from stepdiag.exporters.safety.compensation import require_agreement
 from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
-from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.safety.verdicts.lattice import judge_field, judge_lattice
-from stepdiag.exporters.safety.verdicts.missing import judge_missing
+from stepdiag.exporters.safety.verdicts.judge import judge, judge_missing
+from stepdiag.exporters.safety.verdicts.lattice import judge_lattice
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
@@ -295,7 +294,6 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
     def added(points_mm: Vector) -> Vector:
         return held.correction_um(points_mm) - (active.correction_um(points_mm) if active is not None else 0.0)
 
-    fault = judge_field(result, added, held.axes_mm)
     prediction = predict_moved(result, added, nodes=nodes)
     return Verification(
         controller=lattice.NAME,
@@ -303,7 +301,7 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
         tables=(),
         prediction=prediction,
         judgements=judge_lattice(result, added, held.axes_mm),
-        findings=(*(() if fault is None else (fault,)), *harm_findings(prediction, result)),
+        findings=tuple(harm_findings(prediction, result)),
     )
 
 

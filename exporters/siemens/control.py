@@ -4,7 +4,7 @@ A curve that is corrected for each direction of travel goes into two CEC tables 
 (K3 p. 264: the same axis as base and compensated axis). Everything else about the formats is in ``siemens_eec`` and ``siemens_cec``.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -16,7 +16,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.siemens import cec, eec, loader, restore
+from stepdiag.exporters.siemens import cec, eec, loader, read_back, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
@@ -199,9 +199,21 @@ class Siemens:
             kinds.append(restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense))
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
+    def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return ``READ_BACK.MPF``."""
+        return (read_back.program(tables, profile),)
+
+    def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
+        """Return MD32700, MD32710, SD41300 and SD41310 as the loading programs leave them."""
+        return read_back.switches(tables, profile)
+
+    def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
+        """Return the same of files that were read out."""
+        return read_back.held_switches(files)
+
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables."""
-        return b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
+        """Return whether the file assigns EEC or CEC variables: the program that reads them out does not."""
+        return file.name != read_back.NAME and (b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point: the point numbers are those of the control."""
@@ -221,6 +233,7 @@ class Siemens:
             "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
             "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
             "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
+            f"Run {read_back.NAME} and compare what it wrote (READ BACK below).",
             "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
             "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables with their switches and weights as they were, and zeros,",
             "switched off, where there were none. Restored by hand, MD32700, MD32710, SD41300 and SD41310 go back to what the backup says.",

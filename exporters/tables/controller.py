@@ -89,6 +89,25 @@ class Emptying(Protocol):
         """Return tables of zeros for every seat of ``own`` from which something would act that ``tables`` does not count on."""
 
 
+@runtime_checkable
+class Reporting(Protocol):
+    """A control that can write out what it holds."""
+
+    def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the programs that write out what the control holds of these tables, switches and weights included."""
+
+
+@runtime_checkable
+class Switching(Protocol):
+    """A control whose tables have switches and weights beside their values."""
+
+    def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
+        """Return what switches and weights have to be for the tables to act, by the control's own name of each."""
+
+    def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
+        """Return what files that were read out of the control hold of them."""
+
+
 class Controller(Protocol):
     """One controller family. Implementations hold no state: everything about a machine is in its profile."""
 

@@ -127,7 +127,7 @@ def _squareness_urad(result: Result, name: str) -> float:
 
 def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     if name not in FUNCTIONS:
-        raise UsageError("functions", expected=message("expects-one-of", names=FUNCTIONS), found=repr(name))
+        raise UsageError("functions", expected=message("one-of", names=FUNCTIONS), found=repr(name))
     function = result.errors.get(name)
     if function is None or function.value is None:
         raise DataError(

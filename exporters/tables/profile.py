@@ -4,6 +4,7 @@ A profile is a TOML file. What has no default is asked: the template holds ``"?"
 refuses the profile (`exporters.profiles.file` reads it).
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Options = TypeVar("Options", bound=msgspec.Struct)
-AXIS_LETTERS = ("X", "Y", "Z")
 MOST_EXISTING = 64
 """Files of its own that a machine may have."""
 NEARLY_MM = 0.01
@@ -105,11 +105,29 @@ class TravelLimits:
 
 
 class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """One ``[[sign_test]]``: for one kind of table, when its sense was tried on this machine and what it showed."""
+    """One ``[[sign_test]]``: for one kind of table, when its sense was tried, on what, with which files, and what it showed.
+
+    One that does not name machine, control, bump and runs is read and contradicts, but is no evidence.
+    """
 
     kind: str
     date: date
     verdict: Literal["as-error", "as-compensation"]
+    machine: str = ""
+    control: str = ""
+    measuring_system: str = ""
+    function: str = ""
+    bump_sha256: list[str] = []
+    runs_sha256: list[str] = []
+
+    def as_toml(self) -> str:
+        """Return the record as a profile holds it."""
+        lines = [f"{name} = {_toml(getattr(self, name))}" for name in self.__struct_fields__ if getattr(self, name)]
+        return "\n".join(["[[sign_test]]", *lines, ""])
+
+
+def _toml(value: str | date | list[str]) -> str:
+    return value.isoformat() if isinstance(value, date) else json.dumps(value, ensure_ascii=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,6 +35,13 @@ _SPOTS: Mapping[str, Message] = {
 """Where a table stands in its control or file, in words."""
 
 
+_LAW_WORDS = {
+    "as-error": message("law-as-error"), "as-compensation": message("law-as-compensation"), "absolute": message("law-absolute"),
+    "incremental": message("law-incremental"), "linear": message("law-linear"), "stepped": message("law-stepped"),
+    "held": message("law-held"), "extended": message("law-extended"),
+}  # fmt: skip
+
+
 def _spot(what: str) -> Words:
     return _SPOTS.get(what, what)
 
@@ -59,11 +66,11 @@ class Law:
         """Return the movement per table value: -1 as error, +1 as compensation."""
         return -1 if self.sense == "as-error" else 1
 
-    def describe(self) -> str:
-        """Return the law in one sentence for the report."""
-        way = "-" if self.sense == "as-error" else "+"
-        outside = "end values are held outside" if self.ends == "held" else "the end sections are extended outside"
-        return f"a positive value moves the axis in {way} ({self.sense}); {self.data} data, {self.between} between points; {outside}"
+    @property
+    def words(self) -> Message:
+        """Return the law in one sentence."""
+        parts = [_LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)]
+        return message("law-of-kind", sense=parts[0], data=parts[1], between=parts[2], ends=parts[3])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,7 +213,7 @@ def plain_rows(table: Table) -> tuple[str, ...]:
     """Return one row a point for the report: number, position in mm, value in um."""
     rows = zip(table.position_mm, table.value_um, strict=True)
     return (
-        f"{'point':>6} {'position mm':>14} {'value um':>12}",
+        f"{'point':>6} {'position mm':>14} {'value µm':>12}",
         *(f"{index:>6} {position:>14.4f} {fixed(value, 3):>12}" for index, (position, value) in enumerate(rows)),
     )
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
@@ -26,6 +26,7 @@ from stepdiag.solver.adjustment.robustness import (
     with_apart,
 )
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
+from stepdiag.solver.adjustment.signs import wrong_signs
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
@@ -44,7 +45,7 @@ from stepdiag.solver.model.effects import (
     angle_shapes,
     effects_of,
 )
-from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
+from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows, of_known_angles
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import assumed_noise, variance_scale
 from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
@@ -159,6 +160,7 @@ class _Task:
         self.chain = chain
         self.angles = angles
         self.assumed = assumed
+        self.straightness = straightness
         self.model = Model(
             angles=has_stated_u(angles),
             reversal=_both_ways(layout),
@@ -203,7 +205,7 @@ class _Task:
 
     def run(self) -> Adjustment:
         """Return the adjustment after all rounds."""
-        current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        current = self._with_right_signs(self._find_scatter(self._fit_with_tilts(), robust=True))
         for suspicious in self._suspicions(current):
             current = suspicious
         # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found without it
@@ -226,6 +228,25 @@ class _Task:
             u_um=u[: len(self.layout)],
             findings=tuple(self.findings),
         )
+
+    def _with_right_signs(self, current: MixedFit) -> MixedFit:
+        """Return the fit with the angular functions turned over, and named, that all else knows with the other sign."""
+        right = sorted(self.angles)
+        while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}, BETTER):
+            self.target += sum(self._change_by_sign(name) for name in wrong)
+            turned = {name: replace(self.angles[name], value_urad=-self.angles[name].value_urad) for name in wrong}
+            self.angles = {**self.angles, **turned}
+            self.findings += [finding("error", message("angles-far.sign", name=name)) for name in wrong]
+            right = [name for name in right if name not in wrong]
+            current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        return current
+
+    def _change_by_sign(self, name: str) -> Vector:
+        """Return what the other sign of an angular function changes in the target of all rows, shape (rows,)."""
+        alone = {name: self.angles[name]}
+        beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
+        change = np.concatenate([2.0 * angular_effect_um(self.layout, self.chain, alone), *beside])
+        return np.pad(change, (0, len(self.target) - len(change)))
 
     def _fit_with_tilts(self) -> MixedFit:
         current = fit(self.rows, self.design.blocks, self.target, self._weight())

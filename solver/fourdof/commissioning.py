@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 
 Vector = NDArray[np.float64]
@@ -21,6 +20,7 @@ Vector = NDArray[np.float64]
 MIN_CORRELATION = 0.9
 """Below it the wobble of the laser drowns in other motion and a sign would be a guess."""
 MAX_GAIN_ERROR = 0.05
+"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 a curve, a focal length or a distance is wrong."""
 U_SCALE_ASSUMED = MAX_GAIN_ERROR / np.sqrt(3.0)
 """Of a lever seen at one distance only: that it grows with the travel is then taken for granted, within what would be named."""
 
@@ -57,23 +57,25 @@ class SignsAndLever:
     lever_scale: float
     u_lever_scale: float | None
     angle_gain: float
-    findings: tuple[Finding, ...]
 
 
 def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
     """Return signs, lever and gain of one lateral axis from standstills at one distance or more.
 
-    Refused (DataError) where the wobble is too small to tell a sign or the distances contradict each other.
+    Refused (DataError) where the wobble is too small to tell a sign, the distances contradict each other, or a gain is off by more than
+    `MAX_GAIN_ERROR`.
     """
     lines = [_regression(wobble.psd1_urad, wobble.qd_um / 2, wobble.psd2_urad, wobble.travel_mm, "QD") for wobble in wobbles]
     angles = [_regression(wobble.psd1_urad, wobble.psd2_urad, wobble.qd_um, wobble.travel_mm, "PSD2") for wobble in wobbles]
     slope, u_slope = np.array(lines).T
-    angle_slope = np.array(angles)[:, 0]
+    angle_slope, u_angle_slope = np.array(angles).T
     psd1_sign, relative = _common_sign(slope, "QD"), _common_sign(angle_slope, "PSD2")
     lever, u_lever = 1e3 * np.abs(slope), 1e3 * u_slope
     travel = np.array([wobble.travel_mm for wobble in wobbles])
     line = lever_line(travel, lever, u_lever)
     gain = float(np.mean(np.abs(angle_slope)))
+    require_gain(line.scale, line.u_scale or 0.0, message("lever-growth", growth=line.scale))
+    require_gain(gain, float(np.linalg.norm(u_angle_slope)) / len(u_angle_slope), message("gain-of-psd2", ratio=gain))
     return SignsAndLever(
         psd1_sign=psd1_sign,
         psd2_sign=1 if psd1_sign != relative else -1,
@@ -85,7 +87,6 @@ def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
         lever_scale=line.scale,
         u_lever_scale=line.u_scale,
         angle_gain=gain,
-        findings=_gain_findings(line.scale, gain),
     )
 
 
@@ -103,7 +104,7 @@ def _regression(x: Vector, y: Vector, third: Vector, travel_mm: float, name: str
         correlation = abs(float(x @ y)) / both if both > 0 and power != 0.0 else 0.0
     if correlation < MIN_CORRELATION:
         raise DataError(
-            f"signs: {name} at travel {travel_mm:g} mm",
+            message("signs-at-travel", name=name, travel_mm=travel_mm),
             expected=message("correlation-with-psd1-at", min_correlation=MIN_CORRELATION),
             found=message("correlation-over-samples", correlation=correlation, x=len(x)),
             remedy=message("wobble-laser-s-pointing"),
@@ -156,13 +157,12 @@ def lever_line(travel_mm: Vector, lever_mm: Vector, u_lever_mm: Vector) -> Lever
     return LeverLine(dead_path_mm=there - scale * middle, scale=scale, u_mm=u_there, u_at_mm=middle, u_scale=power**-0.5)
 
 
-def _gain_findings(scale: float, gain: float) -> tuple[Finding, ...]:
-    messages = []
-    if abs(scale - 1) > MAX_GAIN_ERROR:
-        messages.append(message("fourdof-gain-mismatch.lever", growth=scale))
-    if abs(gain - 1) > MAX_GAIN_ERROR:
-        messages.append(message("fourdof-gain-mismatch.detectors", ratio=gain))
-    return tuple(finding("warning", words) for words in messages)
+def require_gain(gain: float, u_gain: float, found: Message) -> None:
+    """Raise DataError for a gain, a part of the right one, that is off by more than `MAX_GAIN_ERROR` and 2 u."""
+    if not abs(gain - 1.0) <= MAX_GAIN_ERROR + 2.0 * u_gain:
+        expected = message("gain-within", low=1.0 - MAX_GAIN_ERROR, high=1.0 + MAX_GAIN_ERROR)
+        remedy = message("distances-swapped" if gain < 0.0 else "check-gains")
+        raise DataError("gains", expected=expected, found=found, remedy=remedy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

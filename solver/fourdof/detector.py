@@ -73,13 +73,17 @@ class DetectorAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detector:
-    """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from x to y."""
+    """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from x to y.
+
+    ``dark`` is what difference x, difference y and sum read without light.
+    """
 
     x: DetectorAxis = field(default_factory=DetectorAxis)
     y: DetectorAxis = field(default_factory=DetectorAxis)
     sum_min: float = 0.0
     sum_max: float = math.inf
     rotation_mrad: float = 0.0
+    dark: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +104,7 @@ def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
     sum cannot be light on the detector: it counts as saturated.
     """
     blocked = ~(total > detector.sum_min)
-    reading = difference / np.where(blocked, np.nan, total)[:, None]
+    reading = (difference - np.array(detector.dark[:2])) / np.where(blocked, np.nan, total - detector.dark[2])[:, None]
     with np.errstate(invalid="ignore"):
         saturated = (total > detector.sum_max) | (np.abs(reading) > 1).any(axis=1)
     reading = np.where((blocked | saturated)[:, None], np.nan, reading)

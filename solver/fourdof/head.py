@@ -47,6 +47,17 @@ class Crosstalk:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Light:
+    """The sums of QD, PSD1 and PSD2 under the same light, and by which share one may leave the other two.
+
+    A spot that an edge cuts off loses light where the others do not; a laser that changes its power changes all three.
+    """
+
+    sums: tuple[float, float, float]
+    within: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
     """The head as configured and calibrated.
 
@@ -63,6 +74,7 @@ class Head:
     dead_path_mm: float
     extra_path_mm: float = 0.0
     lever_scale: float = 1.0
+    light: Light | None = None
     crosstalk: Crosstalk = field(default_factory=Crosstalk)
 
     def lever_mm(self, travel_mm: ArrayLike) -> Vector:
@@ -126,13 +138,14 @@ def motion(
     if time_s is not None:
         psd1, u_drift = _freed_of_noise(psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad)
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
-    # the beam on PSD2 has walked sideways by its angle times the distance
-    psd2 = psd2 / (1 + np.array(head.crosstalk.psd2_leak) * lever * 1e-3)
+    # the beam on PSD2 has walked sideways on its way out by the drift and on its way back by its angle, each times the distance
+    walked = np.array(head.crosstalk.psd2_leak) * lever * 1e-3
+    psd2 = (psd2 + walked * psd1) / (1 + walked)
     angle = (psd2 + psd1) / 2
     straightness = _at_reference(qd_um / 2 - 1e-3 * lever * psd1, angle, np.broadcast_to(roll_urad, len(channels)), head.crosstalk)
     u_psd1 = 1e3 * np.array(seen["PSD1"].u_um) / head.psd1_focal_length_mm
     u_psd2 = 1e3 * np.array(seen["PSD2"].u_um) / head.psd2_focal_length_mm
-    usable, findings = _quality(seen, straightness, angle)
+    usable, findings = _quality(seen, straightness, angle, _clipped(head, channels))
     return Motion(
         straightness_um=straightness,
         angle_urad=angle,
@@ -173,17 +186,31 @@ def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk
     return moved
 
 
+def _clipped(head: Head, channels: Vector) -> Mask:
+    """Tell of which samples (N,) one sum has left the others: an edge or the electronics cut its spot."""
+    if head.light is None:
+        return np.zeros(len(channels), dtype=bool)
+    dark = np.array([detector.dark[2] for detector in (head.qd, head.psd1, head.psd2)])
+    share = (channels[:, 2::3] - dark) / np.array(head.light.sums)
+    usual = np.median(share, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        clipped: Mask = np.abs(share - usual).max(axis=1) > head.light.within * np.abs(usual[:, 0])
+    return clipped
+
+
 _Fault = Literal[
     "fourdof-beam-blocked",
     "fourdof-out-of-range.saturated",
+    "fourdof-out-of-range.clipped",
     "fourdof-out-of-range.uncalibrated",
     "fourdof-out-of-range.straightness",
     "fourdof-out-of-range.angle",
 ]
 
 
-def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector) -> tuple[Mask, tuple[Finding, ...]]:
-    findings = list[Finding]()
+def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector, clipped: Mask) -> tuple[Mask, tuple[Finding, ...]]:
+    clipped = clipped & ~np.any([spot.blocked for spot in seen.values()], axis=0)
+    findings = _remark("fourdof-out-of-range.clipped", clipped)
     usable = np.ones(len(straightness), dtype=bool)
     for name, spot in seen.items():
         usable &= ~(spot.blocked | spot.saturated | spot.outside)
@@ -195,7 +222,7 @@ def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector) -> tup
         tilted: Mask = np.abs(angle).max(axis=1) > ANGLE_RANGE_ARCSEC * URAD_PER_ARCSEC
     findings += _remark("fourdof-out-of-range.straightness", far, limit_um=STRAIGHTNESS_RANGE_UM)
     findings += _remark("fourdof-out-of-range.angle", tilted, limit_arcsec=ANGLE_RANGE_ARCSEC)
-    return usable & ~far & ~tilted, tuple(findings)
+    return usable & ~far & ~tilted & ~clipped, tuple(findings)
 
 
 def _remark(key: _Fault, mask: Mask, **about: str | float) -> list[Finding]:

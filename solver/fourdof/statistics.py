@@ -1,5 +1,6 @@
 """Stability and comparison tests of the four-degree-of-freedom head (Feng 2008, sections 3.1 and 3.3)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,57 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
         steps = averages[length:] - averages[:-length]
         deviation.append(np.sqrt(np.mean(steps**2) / 2))
     return interval_s * np.array(lengths, dtype=np.float64), np.array(deviation)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """Where one head stood from the other, x, y, z in mm (3,), and its standard uncertainty, NaN where no known rotation shows it.
+
+    ``residual_um`` is what is left of the differences of each straightness function.
+    """
+
+    mm: Vector
+    u_mm: Vector
+    residual_um: dict[str, Vector]
+
+    def rms_um(self, name: str) -> float:
+        """Return the rms of what is left of a function."""
+        return float(np.sqrt(np.mean(self.residual_um[name] ** 2)))
+
+    def as_json(self) -> dict[str, object]:
+        """Return the arm for programs: null where it is not shown."""
+        mm, u_mm = ([value if np.isfinite(value) else None for value in each.tolist()] for each in (self.mm, self.u_mm))
+        return {"mm": mm, "u_mm": u_mm, "rms_um": {name: self.rms_um(name) for name in self.residual_um}}
+
+
+def abbe_arm(position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]) -> Arm | None:
+    """Return the arm between two heads on one axis from what their straightness functions differ by; None where that does not decide it.
+
+    A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..) are fitted together, each with a line
+    of its own, to the rotations that are known at the same positions (EAX .., shapes (N,)). Least squares, u by what is left.
+    """
+    blocks = []
+    for number, name in enumerate(apart_um):
+        component = "XYZ".index(name[1])
+        block = np.zeros((len(position_mm), 3 + 2 * len(apart_um)))
+        for by, of, sign in (((component + 1) % 3, (component + 2) % 3, 1.0), ((component + 2) % 3, (component + 1) % 3, -1.0)):
+            block[:, of] += sign * 1e-3 * turning_urad.get(f"E{'ABC'[by]}{name[2]}", np.zeros(len(position_mm)))
+        block[:, 3 + 2 * number] = 1.0
+        block[:, 4 + 2 * number] = (position_mm - position_mm.mean()) / np.ptp(position_mm)
+        blocks.append(block)
+    rows, target = np.vstack(blocks), np.concatenate(list(apart_um.values()))
+    seen = np.flatnonzero(np.linalg.norm(rows, axis=0) > 0.0)
+    freedom = len(target) - len(seen)
+    if freedom < 2 or seen[0] > 2 or np.linalg.matrix_rank(rows[:, seen]) < len(seen):
+        return None
+    inverse = np.linalg.pinv(rows[:, seen])
+    found = inverse @ target
+    left = target - rows[:, seen] @ found
+    u = np.sqrt(float(left @ left) / freedom * np.sum(inverse**2, axis=1))
+    arm = seen < 3
+    mm, u_mm = np.full(3, np.nan), np.full(3, np.nan)
+    mm[seen[arm]], u_mm[seen[arm]] = found[arm], u[arm]
+    return Arm(mm=mm, u_mm=u_mm, residual_um=dict(zip(apart_um, np.split(left, len(apart_um)), strict=True)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

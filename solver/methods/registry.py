@@ -64,5 +64,5 @@ def method_of(name: str) -> Method:
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
         remedy = message("did-you-mean", name=repr(near[0])) if near else ""
-        raise UsageError("method", expected=message("expects-one-of", names=list(METHODS)), found=repr(name), remedy=remedy)
+        raise UsageError("method", expected=message("one-of", names=list(METHODS)), found=repr(name), remedy=remedy)
     return METHODS[name]

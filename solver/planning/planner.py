@@ -1,52 +1,42 @@
-"""What a survey would say, and what it would take, before the machine moves; and what is worth adding to it.
+"""What a survey would say, and what it would take, before the machine moves; and the surveys that are worth their time.
 
 A forecast needs no reading: the model of the adjustment follows from where the stops are, and its uncertainty over the volume is the
 figure that the result of that survey would state. What a survey does not identify counts with what a machine of its class usually has
 (`Assumptions`), so that a run which identifies it is worth something, and no run ever makes a forecast worse.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.names import FOURDOF_RUNS
 from stepdiag.base.readings.runs import Plan, Run, perfect_readings, plan_minutes
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
-from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import MOST_INCREMENTS
 from stepdiag.solver.model.layout import Layout, lay_out
-from stepdiag.solver.planning.foresight import Foresight, foresee
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.identifiability import Seen, identified_with_angles
+from stepdiag.solver.planning.search import Search
 
-MIN_GAIN = 0.01
-"""A step that improves the uncertainty by less than this share ends the search: more time would buy nothing."""
-MAX_INCREMENTS = 10
-"""Finer surveys are forecast on this many increments: the uncertainty at a node hardly depends on how many others there are."""
-_LINEAR = "a linear run along {}"
+WORTH = 0.95
+"""A survey that leaves more than this share of what a shorter one leaves is not worth naming."""
+MOST_NAMED = 7
+SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
+"""Times for which surveys are sought: each so much longer than the one before."""
+MAX_INCREMENTS = 20
+"""Finer surveys are forecast on this many increments: angular functions have no more waves then (`effects.MOST_WAVES`), and the uncertainty
+at a node hardly depends on how many others there are."""
+HALVINGS = 2
+"""Of the time between a survey that reaches the target and a shorter one that does not."""
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Circumstances:
-    """Everything about the job that is not in the plan. ``head``: there is a 4-DOF head; ``head_u_urad``: pitch and yaw from a run of it.
-
-    ``made`` keeps what was forecast under them: a search comes to the same plan by many ways.
-    """
-
-    chain: str = "FXYZ"
-    assumed: Assumptions = field(default_factory=Assumptions)
-    head: bool = True
-    head_u_urad: float = 1.0
-    beam_offset_mm: float = 50.0
-    made: dict[Plan, "Forecast"] = field(default_factory=dict, init=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """What a planned survey would give; each figure is worked out when it is first asked for, and a search asks most plans for one or two.
+    """What a planned survey would give; each figure is worked out when it is first asked for.
 
     ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
     urad, um/m). ``angles`` says whether the readings resolve all angular functions or the assumed size stands for them.
@@ -57,7 +47,7 @@ class Forecast:
 
     plan: Plan
     layout: Layout
-    chain: str
+    about: Circumstances
     assumed: Assumptions
 
     @property
@@ -68,11 +58,14 @@ class Forecast:
     @cached_property
     def ahead(self) -> Foresight:
         """Return its uncertainties."""
-        return foresee(self.layout, self.chain, self.assumed, self.plan.volume.increments)
+        return Foresight(
+            layout=self.layout, chain=self.about.chain, assumed=self.assumed, increments=self.plan.volume.increments,
+            aim=self.about.aim, zone=self.about.zone,
+        )  # fmt: skip
 
     @cached_property
     def _free(self) -> Seen:
-        return identified_with_angles(self.layout, self.chain)
+        return identified_with_angles(self.layout, self.about.chain)
 
     @property
     def hidden(self) -> int:
@@ -111,174 +104,89 @@ class Forecast:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Addition:
-    """Something to add to a survey, and what it would bring."""
-
-    text: str
-    forecast: Forecast
-    before: Forecast
-
-    @property
-    def minutes(self) -> float:
-        """Return how much longer the survey takes."""
-        return self.forecast.minutes - self.before.minutes
-
-    @property
-    def gain_um(self) -> float:
-        """Return by how much the volumetric uncertainty falls."""
-        return self.before.volumetric_um - self.forecast.volumetric_um
-
-    @property
-    def newly_identified(self) -> tuple[str, ...]:
-        """Return what was not identified before."""
-        return tuple(name for name, u in self.forecast.u.items() if u is not None and self.before.u[name] is None)
-
-    @property
-    def gain_um_per_minute(self) -> float:
-        """Return by how much the volumetric uncertainty falls for each minute spent."""
-        return self.gain_um / self.minutes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """The survey as planned, what to add to it (best gain per minute first), and the surveys that answer three questions.
+    """The survey as planned, and the surveys that are worth their time, shortest first (`MOST_NAMED` at most, each `WORTH` its minutes).
 
-    ``resolving``: the cheapest steps found after which all 18 functions are solved, each with its forecast; empty where
-    nothing leads there. ``best``: the survey for the time or the target uncertainty asked for, None where none was asked or none fits.
+    ``best``: the survey for the time or the target uncertainty asked for, None where none was asked or none fits. ``with_head``: the
+    survey that was asked for (as planned where none was), with a run of a 4-DOF head along each axis; None where that brings nothing or
+    there is a head.
     """
 
     forecast: Forecast
-    additions: tuple[Addition, ...]
-    resolving: tuple[Addition, ...]
+    front: tuple[Forecast, ...]
     best: Forecast | None
+    with_head: Forecast | None
+
+    @property
+    def next(self) -> Forecast | None:
+        """Return the first survey of the list that is worth its time beside the one planned; None where none is."""
+        better = (one for one in self.front if one.left_um.value_um < WORTH * self.forecast.left_um.value_um)
+        return next(better, None)
 
 
 def plan(survey: Plan, about: Circumstances | None = None, *, available_min: float | None = None, target_um: float | None = None) -> Advice:
-    """Return forecast, ranked additions and the best survey within ``available_min`` or down to ``target_um``.
-
-    The best survey is built up from four bare diagonals by the addition with the highest gain per minute that still fits.
-    """
+    """Return the forecast, the surveys that are worth their time, and the best one within ``available_min`` or down to ``target_um``."""
     about = about or Circumstances()
     now = forecast(survey, about)
+    search = Search(survey, about)
+    found = _found(search, about, _times(available_min), target_um)
     best = None
-    if available_min is not None or target_um is not None:
-        best = best_survey(bare_survey(survey), about, available_min=available_min, target_um=target_um)
-    return Advice(forecast=now, additions=rank(now, about), resolving=resolving(now, about), best=best)
+    if target_um is not None:
+        best = _down_to(search, about, found, target_um)
+    elif available_min is not None:
+        fitting = [one for one in (now, *found) if one.minutes <= available_min]
+        best = min(fitting, key=lambda one: one.left_um.value_um, default=None)
+    chosen = best or now
+    more = forecast(chosen.plan.with_runs(*(Run(setup=name) for name in FOURDOF_RUNS)), about)
+    helps = not about.head and more.left_um.value_um < WORTH * chosen.left_um.value_um
+    return Advice(forecast=now, front=_worth(found), best=best, with_head=more if helps else None)
+
+
+def _times(available_min: float | None) -> list[float]:
+    times, longest = [SHORTEST_MIN], available_min or LONGEST_MIN
+    while times[-1] * LONGER < longest:
+        times.append(times[-1] * LONGER)
+    return sorted({time for time in times if time < longest} | {longest})
+
+
+def _found(search: Search, about: Circumstances, limits_min: Sequence[float], target_um: float | None = None) -> list[Forecast]:
+    """Return the best surveys within some times, until the last two are not worth theirs or one reaches a target; the last time is always
+    tried where there is none."""
+    found: list[Forecast] = []
+    for limit in limits_min:
+        if target_um is not None and found and found[-1].left_um.value_um <= target_um:
+            break
+        if limit == limits_min[-1] or len(found) < 3 or found[-1].left_um.value_um < WORTH * found[-3].left_um.value_um:
+            survey = search.within(limit)
+            found += [] if survey is None else [forecast(survey, about)]
+    return found
+
+
+def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
+    named: list[Forecast] = []
+    for one in sorted(found, key=lambda each: each.minutes):
+        if not named or one.left_um.value_um < WORTH * named[-1].left_um.value_um:
+            named.append(one)
+    return tuple(named[-MOST_NAMED:])
+
+
+def _down_to(search: Search, about: Circumstances, found: list[Forecast], target_um: float) -> Forecast | None:
+    """Return the shortest survey found that leaves no more than a target."""
+    reaching = [one for one in found if one.left_um.value_um <= target_um]
+    if not reaching:
+        return None
+    best = min(reaching, key=lambda one: one.minutes)
+    low = max((one.minutes for one in found if one.minutes < best.minutes), default=0.0)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + best.minutes)
+        shorter = next((one for one in _found(search, about, [middle]) if one.left_um.value_um <= target_um), None)
+        low, best = (middle, best) if shorter is None else (low, shorter)
+    return best
 
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
-    if survey not in about.made:
-        coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
-        layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan", coarse.volume)
-        about.made[survey] = Forecast(plan=survey, layout=layout, chain=about.chain, assumed=_with_head(survey, about))
-    return about.made[survey]
-
-
-def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
-    """Return the assumptions with pitch and yaw of every axis that the head measures known to its uncertainty."""
-    angles = dict(about.assumed.angle_urad)
-    for run in survey.runs:
-        if run.is_fourdof:
-            axis = setup_of(run.setup).axis.upper()
-            roll = f"E{'ABC'[AXIS_LETTERS.index(axis)]}{axis}"
-            measured = [name for name in ROTATIONS if name[2] == axis and name != roll]
-            angles |= {name: min(2.0 * about.head_u_urad, about.assumed.angle_range_urad(name)) for name in measured}
-    return replace(about.assumed, angle_urad=angles)
-
-
-def rank(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:
-    """Return everything that could be added to a survey, the highest gain per minute first."""
-    found = [_addition(text, changed, now, about) for text, changed in _changes(now.plan, about)]
-    return tuple(sorted(found, key=lambda one: one.gain_um_per_minute, reverse=True))
-
-
-def _addition(text: str, changed: Plan, now: Forecast, about: Circumstances) -> Addition:
-    return Addition(text=text, forecast=forecast(changed, about), before=now)
-
-
-def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
-    """Yield every plan that is one step richer, in words."""
-    bases = [setup_of(run.setup).base for run in survey.runs]
-    for axis in AXES:
-        for kind, words in (("linear", _LINEAR), *((("fourdof", "a run of the 4-DOF head along {}"),) if about.head else ())):
-            if f"{kind}-{axis}" not in bases:
-                yield words.format(axis.upper()), survey.with_runs(Run(setup=f"{kind}-{axis}"))
-    diagonals = [run for run in survey.runs if run.setup in BODY_DIAGONALS]
-    for axis in AXES if diagonals else ():
-        x, y, z = (about.beam_offset_mm * (axis == other) for other in AXES)
-        shift = (x, y, z)
-        if all(run.beam_offset_mm != shift for run in survey.runs):
-            shifted = [replace(run, beam_offset_mm=shift) for run in diagonals]
-            yield f"all diagonals again with the beam shifted {about.beam_offset_mm:g} mm in {axis.upper()}", survey.with_runs(*shifted)
-    if not all(run.return_pass for run in survey.runs):
-        yield "return passes", replace(survey, runs=tuple(replace(run, return_pass=True) for run in survey.runs))
-    if (finer := 2 * survey.volume.increments) <= MOST_INCREMENTS:
-        yield f"{finer} increments in place of {survey.volume.increments}", replace(survey, volume=replace(survey.volume, increments=finer))
-    more = tuple(replace(run, repeats=run.repeats + 1) for run in survey.runs)
-    yield "one more repeat of every run", replace(survey, runs=more)
-
-
-def resolving(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:
-    """Return the steps after which all 18 functions are solved from the laser's readings; empty where nothing more is needed or helps.
-
-    Each step shows the most hidden combinations per minute; steps that the later ones made superfluous are then dropped.
-    """
-    texts: list[str] = []
-    here = now
-    while not here.resolves_all:
-        found = [_addition(text, changed, here, about) for text, changed in _changes(here.plan, about)]
-        best = max(found, key=lambda one: (here.hidden - one.forecast.hidden) / one.minutes)
-        if best.forecast.hidden >= here.hidden:
-            return ()
-        texts.append(best.text)
-        here = best.forecast
-    for text in texts[:-1]:
-        fewer = [other for other in texts if other != text]
-        if _walk(now, fewer, about)[-1].forecast.resolves_all:
-            texts = fewer
-    return _walk(now, texts, about)
-
-
-def _walk(now: Forecast, texts: list[str], about: Circumstances) -> tuple[Addition, ...]:
-    """Return the additions named, made one after the other; those that the survey has already are left out."""
-    steps: list[Addition] = []
-    for text in texts:
-        here = steps[-1].forecast if steps else now
-        changed = dict(_changes(here.plan, about)).get(text)
-        if changed is not None:
-            steps.append(_addition(text, changed, here, about))
-    return tuple(steps)
-
-
-def bare_survey(survey: Plan) -> Plan:
-    """Return the least survey of the same volume: four body diagonals, driven once."""
-    return replace(survey, runs=tuple(Run(setup=name, return_pass=False) for name in BODY_DIAGONALS))
-
-
-def best_survey(
-    start: Plan, about: Circumstances, *, available_min: float | None = None, target_um: float | None = None
-) -> Forecast | None:
-    """Return the survey for a given time, a target of what compensation leaves (rms over the volume), or both.
-
-    None where the start alone takes too long or nothing reaches the target in time. Grown step by step, the highest gain per minute
-    first. Resolving all functions pays only when its last step is made, so it is offered as one step as well, with linear runs.
-    """
-    limit = float("inf") if available_min is None else available_min
-    here = forecast(start, about)
-    if here.minutes > limit:
-        return None
-    whole = [*(step.text for step in resolving(here, about)), *(_LINEAR.format(axis.upper()) for axis in AXES)]
-    while target_um is None or here.left_um.value_um > target_um:
-        steps = [*rank(here, about), *_as_one_step(_walk(here, whole, about), here)]
-        fitting = [one for one in steps if one.forecast.minutes <= limit and one.gain_um > MIN_GAIN * here.volumetric_um]
-        if not fitting:
-            return here if target_um is None else None
-        here = max(fitting, key=lambda one: one.gain_um_per_minute).forecast
-    return here
-
-
-def _as_one_step(steps: tuple[Addition, ...], here: Forecast) -> list[Addition]:
-    if not steps:
-        return []
-    return [Addition(text="; ".join(step.text for step in steps), forecast=steps[-1].forecast, before=here)]
+    coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
+    layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan", coarse.volume)
+    angles = {**about.assumed.angle_urad, **about.head_ranges_urad(survey.runs)}
+    return Forecast(plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles))

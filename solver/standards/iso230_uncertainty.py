@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.conformity import COVERAGE
+
 SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
-COVERAGE = 2.0
-"""Every uncertainty that a person reads is expanded, k = 2 (ISO/TR 230-9)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,6 @@ from stepdiag.base.result.field import Tabulated, field_of_um, rigid_motions
 from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
-from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.mixed import Causes, MixedFit
@@ -232,8 +231,3 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
     flat: Vector = field.reshape(len(names), -1)
     flat.setflags(write=False)
     return flat
-
-
-def usual_sizes(groups: int) -> Sizes:
-    """Return sizes as assumed, for a survey that was not driven yet."""
-    return Sizes(np.ones(groups), np.zeros(groups, dtype=np.bool_))

@@ -30,6 +30,7 @@ SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
 """Tolerances of the figures of ISO 230-2 along every axis, by name."""
 COVERAGE = 2.0
+"""Every uncertainty that a person reads is expanded, k = 2 (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
 
 
@@ -79,10 +80,22 @@ def conformity_of(result: Result) -> Conformity:
     tolerance = result.tolerance or {}
     figures = None if result.predicted is None else result.predicted.without_rigid_motion
     found = (*_squareness(result, tolerance), *_positioning(result, tolerance), *_functions(result, tolerance))
+    after = _compensated(result)
+    left = (*_squareness(after, tolerance), *_functions(after, {name: tolerance[name] for name in DISPLACEMENTS if name in tolerance}))
     return Conformity(
         as_found=(*judged_volume(tolerance, None if figures is None else figures["before"]), *found),
-        predicted=judged_volume(tolerance, None if figures is None else figures["after"]),
+        predicted=(*judged_volume(tolerance, None if figures is None else figures["after"]), *left),
     )
+
+
+def _compensated(result: Result) -> Result:
+    """Return the result after an ideal compensation: every squareness and displacement is zero as far as it is known, within its u.
+
+    No table takes an angle out, nor the reversal that E and A hold: they are not in it.
+    """
+    errors = {name: one if one.value is None else replace(one, value=np.zeros_like(one.value)) for name, one in result.errors.items()}
+    squareness = {name: one if one.value is None else replace(one, value=0.0) for name, one in result.squareness.items()}
+    return replace(result, errors=errors, squareness=squareness)
 
 
 def judged_volume(tolerance: Mapping[str, float], figures: FieldFigures | None) -> tuple[Judged, ...]:
@@ -171,5 +184,7 @@ def _range(function: Function | None) -> tuple[float | None, float | None]:
     if function is None or function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))
+    if low == high and function.u is not None:  # a function of nothing: any two of its values may be the extremes
+        low = high = int(np.argmax(function.u))
     u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
     return float(function.value[high] - function.value[low]), u

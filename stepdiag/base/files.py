@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from stepdiag.base.disk.part import folder_made, part_of, publish_new, undone_on_failure, write_through
 from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
-from stepdiag.base.part import folder_made, part_of, publish_new, undone_on_failure, write_through
 
 LARGEST_BYTES = 64_000_000
 """The largest file that is read into memory at once: more is none that a survey leaves, and a parser may need twenty times as much."""

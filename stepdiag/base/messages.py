@@ -140,7 +140,7 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return what is said with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
+    """Return words with their pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
     if not place.way:
         return words
     run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}

@@ -69,7 +69,7 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
     """Return the refusal of a key that nobody knows, with the nearest one that is known."""
     remedy = nearest(key, known) if _close(key, known) else ""
     return UsageError(
-        f"{source}: {path}", expected=message("expects-one-of", names=sorted(known)), found=message("unknown-name", name=key), remedy=remedy
+        f"{source}: {path}", expected=message("one-of", names=sorted(known)), found=message("unknown-name", name=key), remedy=remedy
     )
 
 
@@ -91,7 +91,7 @@ def expectation(info: inspect.Type) -> Words:
     """
     match info:
         case inspect.LiteralType():
-            return message("expects-one-of", names=[show(value) for value in sorted(info.values, key=str)])
+            return message("one-of", names=[show(value) for value in sorted(info.values, key=str)])
         case inspect.IntType() | inspect.FloatType():
             return _limited(message("whole-number") if isinstance(info, inspect.IntType) else message("a-number"), info)
         case inspect.Metadata(extra_json_schema={"description": str(key)}):

@@ -10,6 +10,7 @@ A number behind ``+`` tells setups of the same travel apart: a shifted beam, a s
 """
 
 import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -17,7 +18,7 @@ from typing import Literal
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, SETUP_NUMBERS
 
 Kind = Literal["step", "face", "body", "linear", "fourdof"]
 
@@ -27,6 +28,9 @@ SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_
 """Every setup whose readings the solver understands, in the order in which tables list them."""
 DRIVEN_SETUPS = (*SETUP_NAMES, *FOURDOF_RUNS)
 """Every setup that a machine drives."""
+CODED_FROM = 100
+"""Numbers of the ``setup`` register beyond it are places in the plan (contract 2)."""
+_CODES = {name: number for number, name in SETUP_NUMBERS.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +78,30 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
     if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
         near = difflib.get_close_matches(base, names, cutoff=0.5)
         remedy = message("did-you-mean-near", near=repr(near[0])) if near else message("shifted-beam-second-alignment")
-        raise UsageError(where, expected="one of " + ", ".join(names), found=repr(name), remedy=remedy)
+        raise UsageError(where, expected=message("one-of", names=list(names)), found=repr(name), remedy=remedy)
     return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0)
+
+
+def setup_code(setup: str, planned: Sequence[str]) -> int:
+    """Return the number of the machine's ``setup`` register for a setup of a plan: 100 + k for the k-th, where it has none of its own.
+
+    A shifted beam on a body diagonal has that of its diagonal: the machine drives the same. Raises ``UsageError`` for a name that is no
+    setup.
+    """
+    travel = setup_of(setup, "plan.setups")
+    if travel.base in _CODES and (travel.is_diagonal or not travel.shift):
+        return _CODES[travel.base]
+    return CODED_FROM + planned.index(setup) + 1
+
+
+def setups_meant(code: int | None, planned: Iterable[str]) -> list[str]:
+    """Return the setups of a plan, in its order, that a number of the ``setup`` register may mean."""
+    names = list(planned)
+    if code is not None and CODED_FROM < code <= CODED_FROM + len(names):
+        return [names[code - CODED_FROM - 1]]
+    base = SETUP_NUMBERS.get(code) if code is not None else None
+    meant = [name for name in names if setup_of(name).base == base]
+    return [name for name in meant if setup_of(name).is_diagonal or not setup_of(name).shift] or meant
 
 
 def _kind(base: str) -> Kind:

@@ -21,7 +21,14 @@ box together may differ by twice that, as recording takes stops (`daq.capture.pl
 such a way, which `solver.adjustment` takes off as well."""
 SHARE_OF_STEP = 0.25
 """Of an increment, where that is less: two targets must not become one."""
-_ROUNDING_MM = 1e-6
+ROUNDING_MM = 1e-6
+"""Positions so close to each other are one: no control distinguishes them, and a slope between them is none."""
+
+BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
+"""Of the distance between even targets, to either side; and how close even targets may be."""
+
+IN_STEP = 0.05
+"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
 
 POINTS = 350
 """Of `anywhere_mm`."""
@@ -73,7 +80,7 @@ class Volume:
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
     """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an axis with one target, shape (k,)."""
-    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + _ROUNDING_MM
+    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + ROUNDING_MM
     return tolerance
 
 
@@ -124,6 +131,28 @@ def linear_stops_mm(volume: Volume, setup: str) -> Vector:
     stops = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (volume.increments + 1, 1))
     stops[:, axis] = volume.nodes_mm(axis)
     return stops
+
+
+def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
+    """Return about ``count`` targets along an axis, ascending: the nodes, and between them places in no step with anything periodic.
+
+    ISO 230-2 asks for P_i = (i - 1) p + r with another r at each target; r is a fraction of p within `BESIDE_EVEN`, the golden ratio's
+    multiples, so that every program of a survey has the same. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
+    """
+    nodes, step_mm = volume.nodes_mm(axis), float(volume.step_mm[axis])
+    parts = max(min(round(count / volume.increments), int(step_mm / CLOSEST_MM)), 1)
+    number = np.arange(volume.increments * parts)
+    beside = BESIDE_EVEN * (2.0 * np.mod(number * (np.sqrt(5.0) - 1.0) / 2.0, 1.0) - 1.0)
+    inner = number % parts != 0
+    between = volume.origin_mm[axis] + (number + beside)[inner] * step_mm / parts
+    targets: Vector = np.sort(np.concatenate([nodes, np.round(between, 2)]))
+    return targets
+
+
+def in_step(step_mm: float, pitch_mm: float) -> bool:
+    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
+    turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
+    return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:

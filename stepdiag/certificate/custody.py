@@ -1,6 +1,7 @@
 """The chain of custody: from a certificate back to the logs, link by link, and every figure computed again.
 
 certificate -> laboratory's file, result, files, report, certificates of the equipment     by SHA-256
+files, report -> result                                                                    the hash that they name
 result      -> logs, or readings and the files beside them                                 by SHA-256
 logs        -> result                                                                      solved again
 result      -> certificate                                                                 written again, compared element by element
@@ -23,12 +24,19 @@ from stepdiag.certificate.document import Link, certificate_of
 from stepdiag.certificate.elements import DCC, SI, document
 from stepdiag.completion.completion import replay_judged, solve_logs
 from stepdiag.completion.readings_file import Beside, solve_readings_file
-from stepdiag.daq.recording.archive import digest
-from stepdiag.daq.recording.verdicts import ACCEPTED, verdicts_in
+from stepdiag.daq.recording.archive import digest, index_holds
+from stepdiag.daq.recording.verdicts import ACCEPTED, DATED, JUDGED, verdicts_in
 from stepdiag.daq.survey.environment import parse_environment
 from stepdiag.report.laboratory import read_laboratory, sha256_of
 
-LOG, RESULT, LEFT, LABORATORY = "log", "result", "result_as_left", "laboratory"
+LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = "log", "result", "result_as_left", "laboratory", "file", "report"
+ONCE = (RESULT, LEFT, LABORATORY)
+"""Roles that a certificate names once at most."""
+PERSONS = {"accepted": ACCEPTED, "dated": DATED, "judged": JUDGED}
+"""Roles of what stands beside logs: words of persons, and of the solver."""
+AS_LEFT = "_as_left"
+NAMES_ITS_RESULT = {(FILE, "EXPORT_REPORT.txt"), (REPORT, ".html")}
+"""Role with the name or the ending of a file that names the SHA-256 of its result."""
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 MOST_FILES = 20_000
 """Files of a folder that are read to find the links."""
@@ -42,23 +50,45 @@ class BrokenLinkError(Exception):
 
 
 class Verified(NamedTuple):
-    """What became of a certificate: how many links and figures hold, and the first link that does not, None where all do."""
+    """What became of a certificate: how many links and figures hold, and the first link that does not, None where all do.
+
+    ``signed`` is whether it has a signature, which is not checked here.
+    """
 
     links: int
     figures: int
     broken: Message | None
+    signed: bool
 
 
 def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
-    """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``."""
-    found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result))]
+    """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``.
+
+    Raises DataError for a report of an export, or a report, that names another result.
+    """
+    found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result)), *_persons(result.parent, "")]
     if left is not None:
-        found += [(LEFT, left.name, sha256_of(left)), *((f"{role}_as_left", name, sha) for role, name, sha in _sources(_read(left)))]
+        of_left = [*_sources(_read(left)), *_persons(left.parent, "")]
+        found += [(LEFT, left.name, sha256_of(left)), *((role + AS_LEFT, name, sha) for role, name, sha in of_left)]
     if stated is not None:
         found.append((LABORATORY, stated.name, sha256_of(stated)))
-    if (result.parent / ACCEPTED).is_file():
-        found.append(("accepted", ACCEPTED, sha256_of(result.parent / ACCEPTED)))
+    results = [sha for role, _, sha in found if role in (RESULT, LEFT)]
+    for role, path in files:
+        if of_another_result(role, path.name, path, results):
+            raise DataError(path.name, expected=message("result-with-sha256", sha256=results[0]), found=message("custody-another-result"))
     return found + [(role, path.name, sha256_of(path)) for role, path in files]
+
+
+def of_another_result(role: str, name: str, path: Path, results: Sequence[str]) -> bool:
+    """Return whether a file that by its ``name`` names the SHA-256 of its result names none of ``results``."""
+    if not NAMES_ITS_RESULT & {(role, name), (role, Path(name).suffix.lower())}:
+        return False
+    data = read_bytes(path)
+    return not any(sha.encode() in data for sha in results)
+
+
+def _persons(folder: Path, suffix: str) -> list[Link]:
+    return [(role + suffix, name, sha256_of(folder / name)) for role, name in PERSONS.items() if (folder / name).is_file()]
 
 
 def _sources(result: Result) -> list[Link]:
@@ -77,20 +107,21 @@ def accepted_in(folder: Path) -> list[str]:
     return [f"{place}: {one.code}; {one.name}: {one.reason}" for one, place in places]
 
 
-def verify_certificate(certificate: Path, folder: Path) -> Verified:
-    """Return whether a certificate follows from what stands in a folder, and the first link that does not hold.
+def verify_certificate(certificate: Path, *folders: Path) -> Verified:
+    """Return whether a certificate follows from what stands in folders, and the first link that does not hold.
 
     Raises DataError for a file that is no certificate.
     """
     data = read_bytes(certificate)
     root = parsed(data, certificate.name)
+    signed = root.find(_SIGNATURE) is not None
     links, figures = custody_of(root), sum(1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList"))
     try:
-        held = _held(links, folder)
-        _walk(root, data, links, held)
+        held = _held(links, folders)
+        _walk(root, data, links, held, signed=signed)
     except BrokenLinkError as broken:
-        return Verified(len(links), figures, broken.link)
-    return Verified(len(links), figures, None)
+        return Verified(len(links), figures, broken.link, signed)
+    return Verified(len(links), figures, None, signed)
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
@@ -120,15 +151,18 @@ def custody_of(root: ET.Element) -> list[Link]:
     ]
 
 
-def _held(links: Sequence[Link], folder: Path) -> dict[Link, Path]:
-    """Return where each link stands in a folder. Raises BrokenLinkError for the first that does not."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()][:MOST_FILES]
+def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
+    """Return where each link stands in the folders. Raises BrokenLinkError for the first that does not."""
+    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()][:MOST_FILES]
     named = {name for _, name, _ in links}
     hashes = {path: _hash(path) for path in files if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}}
     held = {}
     for link in links:
         role, name, sha = link
-        path = next((path for path, found in hashes.items() if found == sha and sha), None)
+        holding = [path for path, found in hashes.items() if found == sha and sha]
+        path = next((path for path in holding if path.name == name), None if _named_here_alone(role) else next(iter(holding), None))
+        if path is None and holding:
+            raise BrokenLinkError(message("custody-renamed", role=role, name=name, found=holding[0].name))
         if path is None:
             there = any(each.name == name for each in files)
             raise BrokenLinkError(message("custody-changed" if there else "custody-missing", role=role, name=name, sha256=sha or "–"))
@@ -136,19 +170,30 @@ def _held(links: Sequence[Link], folder: Path) -> dict[Link, Path]:
     return held
 
 
+def _named_here_alone(role: str) -> bool:
+    """Return whether the certificate alone names a thing, so that its name is checked; the result names its own sources."""
+    return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
+
+
 def _hash(path: Path) -> str:
     try:
-        return digest(path) if ".mcap" in path.suffixes else hashlib.sha256(path.read_bytes()).hexdigest()
+        if ".mcap" in path.suffixes:
+            return digest(path) if index_holds(path) else ""
+        return hashlib.sha256(path.read_bytes()).hexdigest()
     except (StepdiagError, OSError, ValueError):  # a file that cannot be read holds no link
         return ""
 
 
-def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path]) -> None:
-    by_role = {role: held[role, name, sha] for role, name, sha in links if role in (RESULT, LEFT, LABORATORY)}
-    if RESULT not in by_role:
+def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path], *, signed: bool) -> None:
+    by_role = {role: held[role, name, sha] for role, name, sha in links if role in ONCE}
+    if RESULT not in by_role or len(by_role) != sum(role in ONCE for role, _, _ in links):
         raise BrokenLinkError(message("custody-unnamed", role=RESULT))
+    results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
+    for role, name, sha in links:
+        if of_another_result(role, name, held[role, name, sha], results):
+            raise BrokenLinkError(message("custody-other-result", role=role, name=name))
     result = _again(by_role[RESULT], links, held, "")
-    left = _again(by_role[LEFT], links, held, "_as_left") if LEFT in by_role else None
+    left = _again(by_role[LEFT], links, held, AS_LEFT) if LEFT in by_role else None
     accepted = next((held[link].parent for link in links if link[0] == "accepted"), None)
     try:
         stated = read_laboratory(by_role.get(LABORATORY))
@@ -156,11 +201,19 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
         again = certificate_of(result, stated, links, left=left, accepted=words)
     except StepdiagError as error:
         raise BrokenLinkError(message("custody-refused", what=str(error))) from error
+    for signature in root.findall(_SIGNATURE):
+        root.remove(signature)
     for one, other in zip_longest(_leaves(root), _leaves(again), fillvalue=NO_LEAF):
         if one != other:
             raise BrokenLinkError(message("custody-differs", place=one.place or other.place, found=one.text, expected=other.text))
-    if root.find(_SIGNATURE) is None and document(again) != data:
+    written = document(again)
+    if written != data and (not signed or _canonical(written) != _canonical(data)):
         raise BrokenLinkError(message("custody-bytes"))
+
+
+def _canonical(data: bytes) -> str:
+    """Return a certificate in the canonical form of XML, without signatures: a signature costs the bytes, remarks stay."""
+    return ET.canonicalize(data.decode(), with_comments=True, exclude_tags=[_SIGNATURE])
 
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
@@ -182,9 +235,9 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
     """Yield the sources of the result, or of that as left."""
-    others = {RESULT, LEFT, LABORATORY, "accepted", "file", "report"}
     for link in links:
-        if link[0] not in others and link[0].endswith("_as_left") == bool(suffix):
+        role = link[0].removesuffix(AS_LEFT)
+        if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(suffix):
             yield link
 
 
@@ -217,12 +270,11 @@ NO_LEAF = Leaf("", "", "")
 
 
 def _leaves(node: ET.Element, at: str = "") -> Iterator[Leaf]:
-    """Yield every element, signatures left out."""
+    """Yield every element."""
     here = f"{at}/{node.tag.rpartition('}')[2]}"
     attributes = " ".join(f"{name}={value}" for name, value in sorted(node.items()))
     place = f"{here}[{attributes}]" if attributes else here
     tail = (node.tail or "").strip()
     yield Leaf(place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag)
     for child in node:
-        if child.tag != _SIGNATURE:
-            yield from _leaves(child, place)
+        yield from _leaves(child, place)

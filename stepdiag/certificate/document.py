@@ -15,6 +15,7 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written as json_of
 from stepdiag.certificate.elements import VERSION, Words, data, element, note, real, sha256, words
 from stepdiag.certificate.figures import KELVIN, UNITS, Figure, figures_of, predicted_figures, written
+from stepdiag.comparing.compare import require_alike, require_same_volume
 from stepdiag.conclusion import judged_in, quantity_words, verdict_words
 from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, Place, Stated
 from stepdiag.texts import LANGUAGES, catalogue
@@ -32,7 +33,7 @@ METHODS = (
 CONFORMITY = ("statement of conformity with a guard band of U (k = 2)", ("ISO 14253-1:2017", "JCGM 106:2012"))
 
 
-def _said(key: str, section: str = "report") -> Words:
+def _words_of(key: str, section: str = "report") -> Words:
     return {language: catalogue(section, language)[key] for language in LANGUAGES}
 
 
@@ -43,12 +44,23 @@ def certificate_of(
 
     ``custody`` names every thing that it rests on by its SHA-256, ``left`` is the result of the survey after loading, ``accepted`` are the
     findings that a person accepted, with name and reason.
-    Raises DataError where neither result nor file states when the machine was measured: the schema asks for it.
+    Raises DataError where neither result nor file states when the machine was measured (the schema asks for it), and where ``left`` is of
+    another machine, another volume or an earlier day.
     """
+    if left is not None:
+        _require_later(result, left)
     return element(
         "digitalCalibrationCertificate", _administrative(result, stated, custody, left),
         _measured(result, stated, custody, left, accepted), schemaVersion=VERSION,
     )  # fmt: skip
+
+
+def _require_later(found: Result, left: Result) -> None:
+    require_alike(found, left)
+    require_same_volume(found, left)
+    before, after = ((each.survey or Facts()).ended or (each.survey or Facts()).date for each in (found, left))
+    if before and after and after < before:
+        raise DataError(left.source, expected=message("survey-after", day=before), found=after)
 
 
 def _administrative(result: Result, stated: Stated, custody: Sequence[Link], left: Result | None) -> ET.Element:
@@ -206,7 +218,7 @@ def _state(state: str, result: Result, figures: Callable[[Result], Iterator[Figu
     conditions = list(_conditions(result)) if state != "predicted" else []
     return element(
         "measurementResult",
-        words("name", _said(state)),
+        words("name", _words_of(state)),
         words("description", f"method {result.method}; error = actual - commanded, of the tool relative to the workpiece"),
         element("influenceConditions", *conditions) if conditions else None,
         element("results", *results),
@@ -225,7 +237,7 @@ def _conditions(result: Result) -> Iterator[ET.Element]:
     statement = stated_in(result).words()
     yield element(
         "influenceCondition",
-        words("name", _said("compensation")),
+        words("name", _words_of("compensation")),
         element("data", note("state", statement, "machineTool_compensationState")),
         refType="machineTool_compensation",
     )
@@ -264,7 +276,7 @@ def _chain(result: Result) -> ET.Element:
     ]
     return element(
         "metaData",
-        words("name", _said("chain")),
+        words("name", _words_of("chain")),
         element("data", note("chain", result.chain, "machineTool_chain"), *map(real, sides)),
         refType="machineTool_chain",
     )

@@ -1,6 +1,7 @@
 """Elements of a DCC 3.3.0 with values of D-SI 2.2.1, by the standard library."""
 
 from collections.abc import Iterable, Mapping
+from statistics import NormalDist
 from xml.etree import ElementTree as ET
 
 from stepdiag.certificate.figures import METRE, Figure
@@ -46,7 +47,28 @@ def real(figure: Figure) -> ET.Element:
             expanded = [_si("valueExpandedMU", text=figure.expanded[0]), _si("coverageFactor", text=K), _si("coverageProbability", text=P)]
             inside.append(_si("measurementUncertaintyUnivariate", _si("expandedMU", *expanded)))
         return element("quantity", *named, _si("real", *inside), refType=figure.refers)
-    return element("quantity", *named, _list(figure.values, figure.unit, figure.expanded), refType=figure.refers)
+    many = _list(figure.values, figure.unit, figure.expanded)
+    if figure.covariance:
+        many.append(_covariance(figure))
+    return element("quantity", *named, many, refType=figure.refers)
+
+
+def _covariance(figure: Figure) -> ET.Element:
+    """Return the covariance of a list with the factor of its rectangular region: all values lie within k u at once with P at least.
+
+    Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
+    """
+    columns = [_column(column, rf"{figure.unit}\tothe{{2}}") for column in figure.covariance]
+    k = NormalDist().inv_cdf(1.0 - (1.0 - float(P)) / (2.0 * len(columns)))
+    region = _si(
+        "rectangularRegionMUXMLList", _si("covarianceMatrixXMLList", *columns), _si("coverageFactorXMLList", text=f"{k:.4f}"),
+        _si("coverageProbabilityXMLList", text=P),
+    )  # fmt: skip
+    return _si("measurementUncertaintyMultivariateXMLList", region)
+
+
+def _column(values: Iterable[str], unit: str) -> ET.Element:
+    return _si("columnXMLList", _si("covarianceXMLList", _si("valueXMLList", text=" ".join(values)), _si("unitXMLList", text=unit)))
 
 
 def _list(values: Iterable[str], unit: str, expanded: Iterable[str] = ()) -> ET.Element:

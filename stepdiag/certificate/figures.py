@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
+import numpy as np
+
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.result.interval import FieldFigures, Interval
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
@@ -14,8 +16,13 @@ UNITS = {"um": (METRE, -6), "urad": (RADIAN, -6), "um/m": (ONE, -6), "mm": (METR
 ISO_230_2 = ("E_up", "E_down", "E", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A", "E_d", "B_d", "R_d", "A_d")
 
 
+COVARIANCE_DECIMALS = 6
+"""Of a square micrometre or microradian: a thousandth of U squared where U is a tenth."""
+
+
 class Figure(NamedTuple):
-    """A quantity: its name and refType, numbers as they are written, their U (k = 2), and the positions in metres."""
+    """A quantity: its name and refType, numbers as they are written, their U (k = 2), the positions in metres, and the covariance of the
+    numbers (k = 1) column by column, in the square of the unit."""
 
     name: str
     refers: str
@@ -23,6 +30,7 @@ class Figure(NamedTuple):
     values: tuple[str, ...]
     expanded: tuple[str, ...] = ()
     at: tuple[str, ...] = ()
+    covariance: tuple[tuple[str, ...], ...] = ()
 
 
 def written(value: float, power: int) -> str:
@@ -40,13 +48,24 @@ def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | 
 
 
 def figures_of(result: Result) -> Iterator[Figure]:
-    """Yield every figure of a result that is identified: functions, reversals, squareness, scales, figures of standards, volume."""
+    """Yield every figure of a result that is identified: functions, reversals, squareness, scales, figures of standards, volume.
+
+    What enters the volumetric figure has its covariance: every displacement along its travel, and the squarenesses together.
+    """
+    together = [name for name, number in result.squareness.items() if number.value is not None and number.u is not None]
+    if (covariance := _covariance(result, together)) and len(together) > 1:
+        known = [result.squareness[name] for name in together]
+        numbers = [(one.value or 0.0, one.u or 0.0) for one in known]
+        figure = _figure(" ".join(["squareness", *together]), "urad", *zip(*numbers, strict=True))
+        yield figure._replace(covariance=covariance)
     for part, of in (("", result.errors), ("reversal ", result.reversal)):
         for name in (*DISPLACEMENTS, *ROTATIONS):
             function = of.get(name)
             if function is not None and function.value is not None:
                 u = None if function.u is None else function.u.tolist()
-                yield _figure(part + name, function.unit, function.value.tolist(), u, function.position_mm.tolist())
+                covariance = _covariance(result, [name]) if name in DISPLACEMENTS and not part else ()
+                one = _figure(part + name, function.unit, function.value.tolist(), u, function.position_mm.tolist())
+                yield one._replace(covariance=covariance)
     for name, number in result.squareness.items():
         if number.value is not None:
             yield _figure(name, "urad", [number.value], None if number.u is None else [number.u])
@@ -56,6 +75,26 @@ def figures_of(result: Result) -> Iterator[Figure]:
     yield from _standards(result)
     if result.predicted is not None:
         yield from _volume("", result.predicted.without_rigid_motion["before"])
+
+
+def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the covariance of quantities, as written in SI: correlations of the posterior times the u that the result states.
+
+    Nothing where the posterior stands at other positions than the values, or a u is missing.
+    """
+    deviations = {} if result.posterior is None else result.posterior.deviations()
+    if not names or not set(names) <= deviations.keys():
+        return ()
+    columns = np.column_stack([deviations[name][1:] for name in names])
+    stated = [result.squareness[name].u if name in result.squareness else result.errors[name].u for name in names]
+    u = np.concatenate([np.atleast_1d(np.asarray(np.nan if each is None else each, dtype=float)) for each in stated])
+    if len(u) != columns.shape[1] or not np.isfinite(u).all():
+        return ()
+    product = columns.T @ columns
+    deviation = np.sqrt(np.diag(product))
+    scale = np.divide(u, deviation, out=np.zeros_like(u), where=deviation > 0)
+    found = np.round(product * np.outer(scale, scale), COVARIANCE_DECIMALS)
+    return tuple(tuple(written(float(each), -12) for each in column) for column in found.T)
 
 
 def predicted_figures(result: Result) -> Iterator[Figure]:

@@ -1,11 +1,13 @@
 """The signature of a certificate (XMLDSig) by signxml, which the extra ``stepdiag[certificate]`` brings."""
 
+from base64 import b64decode, b64encode
 from pathlib import Path
 from typing import Any
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_bytes
 from stepdiag.base.messages import message
+from stepdiag.certificate.custody import parsed
 
 
 def _library() -> Any:
@@ -35,9 +37,26 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
 
 
 def require_signature(certificate: Path, key_certificate: Path) -> None:
-    """Raise DataError where a certificate is not signed by the key of an X.509 certificate."""
+    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or is none."""
     signxml = _library()
+    from cryptography import x509
+    from cryptography.exceptions import InvalidSignature
+    from cryptography.hazmat.primitives.serialization import Encoding
+    from lxml.etree import LxmlError
+
+    data = read_bytes(certificate)
+    parsed(data, certificate.name)
     try:
-        signxml.XMLVerifier().verify(read_bytes(certificate), x509_cert=read_bytes(key_certificate).decode())
-    except (ValueError, signxml.exceptions.SignXMLException) as error:
+        found = signxml.XMLVerifier().verify(data, x509_cert=read_bytes(key_certificate).decode()).signature_xml
+        _require_plain(found, x509.load_pem_x509_certificate(read_bytes(key_certificate)).public_bytes(Encoding.DER))
+    except (ValueError, LxmlError, InvalidSignature, signxml.exceptions.SignXMLException) as error:
         raise DataError(certificate.name, expected=message("signature-of-key"), found=str(error)) from error
+
+
+def _require_plain(signature: Any, certificate: bytes) -> None:
+    """Raise ValueError where what no signature covers is other than it was written: the certificate in it, and the form of its numbers."""
+    texts = {name: "".join(signature.findtext(f".//{{*}}{name}", "").split()) for name in ("SignatureValue", "X509Certificate")}
+    for name, text in texts.items():
+        found = b64decode(text, validate=True)
+        if b64encode(found).decode() != text or (name == "X509Certificate" and found != certificate):
+            raise ValueError(name)

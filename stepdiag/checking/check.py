@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Words
-from stepdiag.daq.capture.conditions import told_names
+from stepdiag.base.messages import Message, Words
+from stepdiag.daq.capture.conditions import condition_names
 from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
 from stepdiag.daq.recording.survey_links import Statuses, SurveyLinks
@@ -44,7 +44,7 @@ class LinkSeen:
 @dataclass(slots=True)
 class StreamSeen:
     """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came,
-    ``heard`` the first bytes, ``told`` the last of air and material.
+    ``heard`` the first bytes, ``conditions`` the last of air and material.
     """
 
     link: LinkSeen
@@ -59,7 +59,7 @@ class StreamSeen:
     remarks: dict[str, Words] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     heard: bytes = b""
-    told: dict[str, float] = field(default_factory=dict)
+    conditions: dict[str, float] = field(default_factory=dict)
     _first_ns: int = 0
     _last_ns: int = 0
     _before_first: int = 0
@@ -73,7 +73,7 @@ class StreamSeen:
             self.remarks[notice.code] = notice.why
             self.counts[notice.code] += 1
             if notice.code == "environment" and notice.value is not None:
-                self.told[notice.name] = notice.value
+                self.conditions[notice.name] = notice.value
         if len(batch):
             self._count(batch, chunk.arrival_ns)
 
@@ -104,7 +104,7 @@ class MachineSeen:
     signals: Signals = field(default_factory=Signals)
     changes: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
-    trouble: str = ""
+    trouble: Message | None = None
     unanswered: tuple[str, ...] = ()
     heard_s: float = 0.0
     _first_ns: int = 0
@@ -117,7 +117,7 @@ class MachineSeen:
         try:
             now = self.decoder.decode(block)
         except DataError as error:
-            self.trouble = str(error)
+            self.trouble = error.message
             return
         if self.polls and now is not self.signals:
             self.changes.update(name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name))
@@ -145,7 +145,7 @@ class Observation:
     @property
     def air(self) -> frozenset[str]:
         """Return the signals of air and material that the laser or a sensor tells and the survey takes from it."""
-        return frozenset(told_names(self.survey, self.sensor))
+        return frozenset(condition_names(self.survey, self.sensor))
 
     @property
     def links(self) -> tuple[LinkSeen, ...]:

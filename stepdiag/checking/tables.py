@@ -36,7 +36,7 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
     if stream.link.name != "air":
         table.add_row("  beam", Text(flags), beam, "")
     table.add_row("  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), "")
-    for name, value in stream.told.items():
+    for name, value in stream.conditions.items():
         table.add_row(f"  {name}", "its own sensor", _number(value, DECIMALS.get(name, 2)), "")
     table.add_section()
 
@@ -85,7 +85,7 @@ def _stream_json(stream: StreamSeen) -> dict[str, Any]:
         "garbage": stream.counts["garbage"],
         "reading_mm": stream.position_mm,
         "beam": stream.beam,
-        "told": dict(stream.told),
+        "told": dict(stream.conditions),
     }
 
 

@@ -25,3 +25,19 @@ MODULES = (
     "service",
 )
 """The groups, in the order in which the help shows them."""
+
+LINUX_ONLY = frozenset(
+    {
+        "check",
+        "demo",
+        "fleet",
+        "publish",
+        "run",
+        "service install",
+        "service publish",
+        "service remove",
+        "setup",
+        "status",
+    }
+)
+"""Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""

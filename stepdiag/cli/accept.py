@@ -35,11 +35,12 @@ def accept(
     import time
 
     from stepdiag.base.errors import UsageError
+    from stepdiag.base.messages import message
     from stepdiag.daemon.survey_state import standing_of
     from stepdiag.daq.passes.survey_time import CODE
     from stepdiag.daq.recording.verdicts import accept as note
     from stepdiag.daq.recording.verdicts import doubts_at, state_time
-    from stepdiag.terminal.printable import printable
+    from stepdiag.terminal.viewer import shown
 
     found = standing_of(survey)
     if found.round is None:
@@ -54,9 +55,9 @@ def accept(
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
-        typer.echo(printable(f"accepted: {doubt.place}: {doubt.words}"))
+        typer.echo(shown(message("accepted-doubt", place=doubt.place, what=doubt.words)))
     for left in standing_of(survey).doubts:
-        typer.echo(printable(f"still doubted: {left.place}: {left.words}"))
+        typer.echo(shown(message("still-doubted", place=left.place, what=left.words)))
 
 
 def _moment(text: str | None) -> "datetime":

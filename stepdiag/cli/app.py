@@ -1,11 +1,16 @@
 """The command line: commands by name."""
 
+import sys
 from collections.abc import Callable
+from functools import partial, wraps
 from typing import Annotated
 
 import typer
 
-from stepdiag.cli import MODULES
+from stepdiag.base.disk.system import LINUX
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli import LINUX_ONLY, MODULES
 from stepdiag.terminal.exits import failed_writing_shown, refusals_shown
 
 app = typer.Typer(
@@ -39,7 +44,24 @@ def build() -> Callable[[], None]:
 
     for name in MODULES:
         import_module(f"stepdiag.cli.{name}").register(app)
+    if not LINUX:
+        _refuse_elsewhere(app)
     return app
+
+
+def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
+    """Have each command that needs Linux refuse, whatever its arguments."""
+    for command in group.registered_commands:
+        name = before + str(command.name or getattr(command.callback, "__name__", ""))
+        if name in LINUX_ONLY and command.callback:
+            command.callback = wraps(command.callback)(partial(_refuse, name))
+    for inner in group.registered_groups:
+        if inner.typer_instance:
+            _refuse_elsewhere(inner.typer_instance, f"{inner.name or inner.typer_instance.info.name} ")
+
+
+def _refuse(name: str, **_arguments: object) -> None:
+    raise UsageError(f"stepdiag {name}", expected="Linux", found=sys.platform, remedy=message("other-systems"))
 
 
 def main() -> None:

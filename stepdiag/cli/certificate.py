@@ -1,13 +1,16 @@
 """``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it again."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.cli.fleet import extra_needed
 
 JUDGED_WRONG = 5
+MOST_CERTIFICATES = 100
 
 
 def register(app: typer.Typer) -> None:
@@ -32,24 +35,47 @@ def certificate(
     A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
     `stepdiag verify FILE.xml` computes it again from the logs.
     """
+    if out.suffix.lower() != ".xml":
+        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
+    if (key is None) != (key_certificate is None):
+        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
+    files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
+    given = [*(("file", path) for path in files), *([("report", report)] if report is not None else [])]
+    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate)
+    typer.echo(f"certificate: {out}; it rests on {links} things, the first result")
+
+
+def certify_folder(folder: Path) -> Path:
+    """Write the certificate of a finished survey beside its logs, as a person at the page asks for it; return its path.
+
+    It names the files of every export and the report; ``laboratory.toml`` stands in the folder of the survey or above, where one is. A
+    certificate that is there stays: the next one has a number.
+    """
+    laboratory = next((path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None)
+    files = [("file", path) for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
+    report = [("report", path) for path in (folder / "report.html",) if path.is_file()]
+    names = ("certificate.xml", *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)))
+    out = next((folder / name for name in names if not (folder / name).exists()), folder / names[-1])
+    _write(folder, out, laboratory, [*files, *report])
+    return out
+
+
+def _write(
+    result: Path, out: Path, laboratory: Path | None, files: Sequence[tuple[str, Path]], *,
+    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None,
+) -> int:  # fmt: skip
+    """Write a certificate; return how many things it rests on."""
     from stepdiag.base.files import write_together
-    from stepdiag.certificate.custody import RESULT, accepted_in, links_of
+    from stepdiag.certificate.custody import accepted_in, links_of
     from stepdiag.certificate.document import certificate_of
     from stepdiag.certificate.elements import document
     from stepdiag.cli.report import read_result
     from stepdiag.report.laboratory import read_laboratory
 
-    if out.suffix.lower() != ".xml":
-        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
-    if (key is None) != (key_certificate is None):
-        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
-    found, left = read_result(result), None if after is None else read_result(after)
-    given = [("file", path) for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
-    given += [("report", report)] if report is not None else []
-    links = links_of(result / "result.json" if result.is_dir() else result, laboratory, left=after, files=given)
     folder = result if result.is_dir() else result.parent
+    links = links_of(result / "result.json" if result.is_dir() else result, laboratory, left=left, files=files)
     made = certificate_of(
-        found, read_laboratory(laboratory), links, left=left,
+        read_result(result), read_laboratory(laboratory), links, left=None if left is None else read_result(left),
         accepted=accepted_in(folder) if any(role == "accepted" for role, _, _ in links) else (),
     )  # fmt: skip
     data = document(made)
@@ -58,19 +84,34 @@ def certificate(
 
         data = signed(data, key, key_certificate)
     write_together({out: data}, over=False)
-    typer.echo(f"certificate: {out}; it rests on {len(links)} things, the first {RESULT}")
+    return len(links)
 
 
-def verify_file(path: Path, folder: Path | None, key_certificate: Path | None = None) -> None:
-    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not."""
+def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:
+    """Compute a certificate again and name the first link that does not hold. Ends with exit code 5 where one does not.
+
+    ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
+    """
     from stepdiag.certificate.custody import verify_certificate
 
     if key_certificate is not None:
         from stepdiag.certificate.signature import require_signature
 
         require_signature(path, key_certificate)
-    found = verify_certificate(path, folder or path.parent)
+    if is_store(custody):
+        with extra_needed("fleet"):
+            from stepdiag.fleet.custody import verify_in_store
+        found = verify_in_store(path, custody)
+    else:
+        found = verify_certificate(path, Path(custody or path.parent))
     if found.broken is not None:
         typer.echo(f"WRONG {path.name}: {found.broken}")
         raise typer.Exit(JUDGED_WRONG)
     typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")
+    if found.signed and key_certificate is None:
+        typer.echo("its signature is not checked: --key-certificate CERT.pem checks it")
+
+
+def is_store(custody: str) -> bool:
+    """Return whether a place is a store: a folder with its mark, or an address of a file system elsewhere."""
+    return "://" in custody or (Path(custody) / "stepdiag-store.json").is_file()

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Words, message
 from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
 from stepdiag.cli.completion import TABLES, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
+from stepdiag.terminal.viewer import shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from stepdiag.base.volume import Volume
     from stepdiag.exporters.export.written import ExportReport
     from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.safety.read_back import ReadBack
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
 
@@ -139,7 +142,7 @@ def _print_export(written: "ExportReport") -> None:
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"{len(written.files)} files written into {written.out_dir}:")
+    typer.echo(shown(message("files-written", count=len(written.files), folder=str(written.out_dir))))
     for name in written.files:
         typer.echo(f"  {name}")
     for line in finding_lines(written.findings):
@@ -147,7 +150,7 @@ def _print_export(written: "ExportReport") -> None:
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    typer.echo("EXPORT_REPORT.txt says how to load the files, and how to get back to where the control was.")
+    typer.echo(shown(message("how-to-load")))
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -155,7 +158,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        typer.echo(render(sentence, "en"))
+        typer.echo(render(sentence, viewers_language()))
 
 
 def import_(
@@ -182,9 +185,12 @@ def verify(
     profile: ProfileFile = None,
     diagonal: Diagonals = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
-    custody: Annotated[
-        Path | None, typer.Option(help="Of a certificate: the folder of its logs, result and files; its own without it.")
+    read_back: Annotated[
+        list[Path] | None, typer.Option(help="A file read out of the control after loading: compared with FILES number by number.")
     ] = None,
+    custody: Annotated[
+        str, typer.Option(help="Of a certificate: the folder of its logs, result and files, or a store; its own folder without it.")
+    ] = "",
     key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
     compensation: Compensation = None,
     active: Active = None,
@@ -197,12 +203,14 @@ def verify(
     Files are read as the control will read them, and the error before and after is predicted; exit code 5 where one of
     their tables is wrong, beyond a limit, or makes the machine worse.
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
+    Files that were read out of the control after loading (--read-back) are compared with FILES, with switches and weights; exit code 5
+    where one number differs.
     A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
     """
     if result.suffix.lower() == ".xml":
         verify_file(result, custody, key_certificate)
         return
-    if custody is not None or key_certificate is not None:
+    if custody or key_certificate is not None:
         raise UsageError("--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name)
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
@@ -212,29 +220,64 @@ def verify(
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     beside = compared(measured, diagonal or ())
     if not files:
-        _diagonals_alone(beside, as_json=as_json)
+        _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
     given, aside = _tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
+    held = _read_back(measured, given, read_back or [], known)
     if as_json:
-        typer.echo(json.dumps({**_verification_json(found, given, aside), **_diagonals_json(beside)}, indent=2, ensure_ascii=False))
+        parts = {**_verification_json(found, given, aside), **_read_back_json(held), **_diagonals_json(beside)}
+        typer.echo(json.dumps(parts, indent=2, ensure_ascii=False))
     else:
         _print_verification(found, given, aside, stated_in(measured).words())
         _caution(measured, found.prediction)
         say_granted([measured])
         for each in beside:
             print_compared(each)
+        _print_read_back(held)
         if out is not None:
             typer.echo(f"picture: {out}")
-    if not found.right:
+    if not (found.right and (held is None or not held.findings)):
         raise typer.Exit(JUDGED_WRONG)
 
 
-def _diagonals_alone(beside: "list[Compared]", *, as_json: bool) -> None:
+def _read_back(measured: "Result", given: "Sequence[ControlFile]", paths: list[Path], known: "Profile | None") -> "ReadBack | None":
+    """Return what the control holds against what was written, None without files of it. Raises DataError for those of another control."""
+    from stepdiag.exporters.files.sets import read_given
+    from stepdiag.exporters.profiles.file import quick_profile
+    from stepdiag.exporters.safety.read_back import compare
+    from stepdiag.exporters.safety.verify import controller_for
+
+    if not paths:
+        return None
+    control = controller_for(given)
+    return compare(control, given, read_given(paths), known or quick_profile(control, measured.volume))
+
+
+def _read_back_json(held: "ReadBack | None") -> dict[str, object]:
+    if held is None:
+        return {}
+    return {"read_back": {"numbers": held.numbers, "switches": held.switches, "findings": [each.as_json() for each in held.findings]}}
+
+
+def _print_read_back(held: "ReadBack | None") -> None:
+    from stepdiag.terminal.tables import finding_lines
+
+    if held is None:
+        return
+    if not held.findings:
+        typer.echo(f"read back: {held.numbers} numbers and {held.switches} switches and weights in the control are as written")
+    for line in finding_lines(held.findings):
+        typer.echo(line)
+
+
+def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
     """Show straight diagonals against a result, where no files are to be judged. Raises UsageError where there is neither."""
+    if read_back:
+        raise UsageError("--read-back", expected="the files of the export that was loaded beside it", found="none")
     if not beside:
         raise UsageError("verify", expected="the files of a control, or --diagonal", found="neither")
     if as_json:
@@ -258,12 +301,16 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
     from stepdiag.exporters.files.naming import is_restore
     from stepdiag.exporters.files.sets import SUMS, read_given
     from stepdiag.exporters.linuxcnc import kinematics
+    from stepdiag.exporters.linuxcnc.read_back import NAMES as READ_BACK_HAL
     from stepdiag.exporters.profiles.registry import CONTROLLERS
+    from stepdiag.exporters.siemens.read_back import NAME as READ_BACK
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
         known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
-        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL) and (known or not file.name.lower().endswith(".txt"))
+        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL, READ_BACK, *READ_BACK_HAL) and (
+            known or not file.name.lower().endswith(".txt")
+        )
 
     read = read_given(paths)
     acting = [file for file in read if acts(file)]
@@ -312,13 +359,15 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}; compensation while measuring: {measured_with}")
+    names = [file.name for file in given]
+    typer.echo(shown(message("files-read-as", controller=found.controller, names=names, state=measured_with)))
     if aside:
-        typer.echo(f"left aside: {', '.join(aside)}")
-    for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):
-        typer.echo(f"{kind}: {law}")
+        typer.echo(shown(message("files-left-aside", names=list(aside))))
+    for kind, law in dict.fromkeys((table.kind, table.law) for table in found.tables):
+        typer.echo(shown(message("labelled", name=kind, what=law.words)))
     for each in found.judgements:
-        typer.echo(f"{'' if each.harmless else 'WRONG '}{each.code}: {each.text}")
+        mark = "" if each.harmless else shown(message("mark-wrong")) + " "
+        typer.echo(f"{mark}{each.code}: {shown(each.words)}")
     for line in finding_lines(found.findings):
         typer.echo(line)
     Console().print(effect_table(found.prediction))
@@ -326,11 +375,10 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
     """Say what the prediction leaves out, and files that make the machine worse."""
-    unknown = [f"the scale of {axis}" for axis, scale in measured.scale.items() if not scale.identified]
+    unknown: list[Words] = [message("scale-of", axis=axis) for axis, scale in measured.scale.items() if not scale.identified]
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:
-        typer.echo(f"not in these figures, because the result does not identify it: {', '.join(unknown)}")
+        typer.echo(shown(message("not-in-figures", names=unknown)))
     if prediction.worse:
-        typer.echo(
-            "WARNING worse-after: with these files the machine errs MORE than without: check the result they belong to, and their sign"
-        )
+        mark, what = message("mark-warning"), message("errs-more")
+        typer.echo(f"{shown(mark)} worse-after: {shown(what)}")

@@ -101,7 +101,7 @@ def _print_table(found: "Demonstrated") -> None:
     from stepdiag.cli.status import concluded_in
 
     table = Table(title="True errors of the tool where nobody measured: anywhere in the volume and along six face diagonals")
-    for heading in ("", "rms over the volume, um", "largest, um", "widest face diagonal, um"):
+    for heading in ("", "rms over the volume, µm", "largest, µm", "widest face diagonal, µm"):
         table.add_column(heading, justify="left" if not heading else "right")
     rows = [("as it is", found.before)]
     named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
@@ -113,8 +113,8 @@ def _print_table(found: "Demonstrated") -> None:
     console = Console()
     console.print(table)
     for each in found.promises:
-        stated = f"the result states {each.stated.words()} um rms (k = 2)"
-        words = f"{each.of}: {stated}; the truth, {each.true_um:.2f} um, lies {'inside' if each.kept else 'OUTSIDE'}."
+        stated = f"the result states {each.stated.words()} µm rms (k = 2)"
+        words = f"{each.of}: {stated}; the truth, {each.true_um:.2f} µm, lies {'inside' if each.kept else 'OUTSIDE'}."
         console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
     for line in concluded_in(found.round):
         console.print(line, markup=False, highlight=False, soft_wrap=True)

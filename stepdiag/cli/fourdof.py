@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.cli.completion import PROGRAMS
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
 
 if TYPE_CHECKING:
@@ -70,9 +71,9 @@ def signs(
         [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
         file,
     )
-    write_calibration(out, found.file)
+    write_calibration(out, found.file.with_measured("fourdof signs", _today(), "lever"))
     if as_json:
-        lever = msgspec.structs.asdict(found.file.lever)
+        lever = msgspec.structs.asdict(found.lever)
         factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
         typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
         return
@@ -90,15 +91,15 @@ def new(
 ) -> None:
     """Write the file of a head that is not calibrated yet.
 
-    To start from; limits of the sums are for you to fill in.
+    To start from: what a command has to measure is not in it.
     """
     from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity
 
     identity = HeadIdentity(
-        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm
+        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm, version=2
     )
     write_calibration(out, HeadFile(head=identity))
-    typer.echo(f"written: {out}; next: `stepdiag fourdof calibrate`, then `stepdiag fourdof signs`")
+    typer.echo(f"written: {out}; next: `stepdiag fourdof commission`")
 
 
 @commands.command()
@@ -107,7 +108,7 @@ def calibrate(
     base: Annotated[Path, typer.Option(help="The calibration file to start from; `stepdiag fourdof new` writes the first.")],
     out: Annotated[Path, typer.Option(help="The calibration file to write, dated today; never overwritten.")],
     reference: Annotated[str, typer.Option(help="The reference instrument and its certificate, in words.")] = "",
-    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in um or arc-seconds as it reads.")] = 0.0,
+    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in µm or arc-seconds as it reads.")] = 0.0,
     degree: Annotated[int, typer.Option(min=1, max=9, help="Degree of the polynomial.")] = 5,
     plot: Plot = None,
     as_json: AsJson = False,
@@ -128,7 +129,7 @@ def calibrate(
         detector, axis, source = _stage(text)
         fitted = calibrate_axis(stage_run(source, detector, axis), detector, file, degree=degree, u_reference=u_reference)
         fits[f"{detector}.{axis}"] = fitted
-        file = with_curve(file, detector, axis, fitted)
+        file = with_curve(file, detector, axis, fitted).with_measured("fourdof calibrate", _today(), f"{detector}.{axis}")
     write_calibration(out, file)
     if plot is not None:
         _draw(plot, calibration_charts(fits), "residuals of the calibration")
@@ -138,6 +139,63 @@ def calibrate(
         return
     calibration_table(fits)
     typer.echo(f"written: {out}")
+
+
+@commands.command()
+def commission(
+    sources: Annotated[list[Path], typer.Argument(help="A survey file with a fourdof run (writes its program), or the logs of that run.")],
+    out: Annotated[Path, typer.Option(help="The folder for the program, or the calibration file to write; nothing is overwritten.")],
+    controller: Annotated[str | None, typer.Option(help=f"With a survey file: the control, {', '.join(PROGRAMS)}.")] = None,
+    profile: Annotated[Path | None, typer.Option(help="With a survey file: the machine's profile, for its section [program].")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="With logs: the file to start from; `stepdiag fourdof new` writes the first.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the head with the machine as its stage.
+
+    The program of a survey's fourdof run, with jogs of the other axes, a wobble at both ends and a dark beam; then, from its logs, the
+    calibration file.
+    """
+    if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
+        if controller is None or calibration is not None:
+            raise UsageError("fourdof commission", expected="--controller with a survey file, and no --calibration", found=sources[0].name)
+        _commission_program(sources[0], controller, profile, out)
+        return
+    if calibration is None or controller is not None or profile is not None:
+        raise UsageError("fourdof commission", expected="--calibration with logs, and no --controller or --profile", found=sources[0].name)
+    _commission_logs(sources, calibration, out, as_json=as_json)
+
+
+def _commission_program(file: Path, controller: str, profile: Path | None, out: Path) -> None:
+    from stepdiag.daemon.driving import programs_of
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.sets import write_set
+
+    programs, beside = programs_of(load_survey(file), controller, profile, commission=True)
+    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
+    for each in programs:
+        typer.echo(f"{each.setup:<12}{out / each.name}")
+    typer.echo(f"next: `stepdiag run {file.name}`, start the program, then `stepdiag fourdof commission LOGS --calibration NEW --out FILE`")
+
+
+def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json: bool) -> None:
+    from stepdiag.daq.replay import find_logs, replay
+    from stepdiag.fourdof.commission import commission as commissioned
+    from stepdiag.fourdof.stands import commissioning_run
+    from stepdiag.head.view import commission_table
+
+    seen = commissioning_run(replay(find_logs(logs)))
+    done = commissioned(seen.standings, read_calibration(calibration), seen.run, seen.axis, _today())
+    write_calibration(out, done.file)
+    if as_json:
+        table = done.file.uncertainty
+        fields = {name: {"value": value, "u": u} for name, value, u in zip(table.of, done.found.value.tolist(), table.u, strict=True)}
+        typer.echo(json.dumps({"fields": fields, "u_jog_um": done.found.u_jog_um, "stands": done.stands, "dark": done.dark}, indent=2))
+        return
+    commission_table(done)
+    typer.echo(f"written: {out}; next: name it in head.calibration of the survey file")
 
 
 @commands.command()
@@ -187,22 +245,24 @@ def compare(
 ) -> None:
     """Compare the head with a reference instrument.
 
-    Range and rms of the residuals, function by function.
+    Range and rms of the residuals, function by function, and how far one stood from the other by the rotations of the axis.
     """
     from stepdiag.base.files import read_text
-    from stepdiag.fourdof.commissioning import compare_curves, parse_curves
-    from stepdiag.head.view import comparison_charts, comparison_table
+    from stepdiag.fourdof.commissioning import arms_of, compare_curves, parse_curves
+    from stepdiag.head.view import arm_lines, comparison_charts, comparison_table
 
     ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
     found = compare_curves(ours, parse_curves(read_text(reference), reference.name))
+    arms = arms_of(ours, found)
     if plot is not None:
         _draw(plot, comparison_charts(found), "head minus reference")
     if as_json:
-        typer.echo(
-            json.dumps({name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}, indent=2)
-        )
+        figures: dict[str, object] = {name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}
+        typer.echo(json.dumps(figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2))
         return
     comparison_table(found)
+    for line in arm_lines(arms):
+        typer.echo(line)
 
 
 @commands.command()

@@ -12,15 +12,16 @@ if TYPE_CHECKING:
 
 def say_granted(results: "Sequence[Result]") -> None:
     """Print the sizes on which the uncertainties of results rest: once where they are the same, else each under its file's name."""
+    from stepdiag.base.messages import message
     from stepdiag.base.result.basis import basis_of
-    from stepdiag.terminal.printable import printable
+    from stepdiag.terminal.viewer import shown
 
     granted = [_words(basis_of(result).assumed) for result in results]
     if len(set(granted)) == 1:
         say = [granted[0]]
     else:
         say = [
-            f"{printable(result.source)}: {words or 'does not say what its U takes for granted'}"
+            shown(message("labelled", name=result.source, what=words or message("granted-unstated")))
             for result, words in zip(results, granted, strict=True)
         ]
     for line in filter(None, say):
@@ -36,6 +37,7 @@ def say_assumed(assumed: "Assumed") -> None:
 
 def _words(assumed: Mapping[str, float]) -> str:
     from stepdiag.conclusion import render, taken_for_granted
+    from stepdiag.terminal.viewer import viewers_language
 
     sentence = taken_for_granted(assumed)
-    return "" if sentence is None else render(sentence, "en")
+    return "" if sentence is None else render(sentence, viewers_language())

@@ -89,7 +89,7 @@ def decode(
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
     """Have a file written under another name and give it its own when it is whole."""
-    from stepdiag.base.part import part_of, publish_new
+    from stepdiag.base.disk.part import part_of, publish_new
 
     with part_of(target) as folder:
         count = write(folder / target.name)

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
     from stepdiag.daq.survey.models import Plan as PlanSection
     from stepdiag.daq.survey.models import Survey
+    from stepdiag.solver.planning.circumstances import Circumstances
     from stepdiag.solver.planning.foresight import Foresight
-    from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
+    from stepdiag.solver.planning.planner import Advice, Forecast
 
 
 def register(app: typer.Typer) -> None:
@@ -30,22 +31,22 @@ def plan(
         float | None, typer.Option(help="What compensation may leave (rms over the volume): the best survey down to it.")
     ] = None,
     apply: Annotated[
-        bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the first addition.")
+        bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the next of the list.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
 ) -> None:
     """Predict what a survey will tell, and in what time.
 
-    Before the machine moves; ranks what to add to it.
+    Before the machine moves; names the surveys that are worth their time.
     """
-    from stepdiag.completion.foreseen import circumstances, planned
+    from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
             raise UsageError(name, expected="a number above 0", found=f"{value:g}")
     survey = load_survey(file)
-    advice = _advise(planned(survey), circumstances(survey), minutes, target_um)
+    advice = _advise(survey.planned, circumstances(survey, file.parent), minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
     if as_json:
@@ -71,8 +72,7 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
     from stepdiag.base.files import read_text, write_atomically
     from stepdiag.daq.survey.amended import with_plan
 
-    first = advice.additions[0].forecast if advice.additions and advice.additions[0].gain_um > 0.0 else None
-    chosen = advice.best if asked else first
+    chosen = advice.best if asked else advice.next
     if chosen is None:
         raise UsageError(
             "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
@@ -101,6 +101,7 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         setups=tuple(run.setup for run in plan.runs if run not in shifted),
         repeats=max(run.repeats for run in plan.runs),
         return_pass=any(run.return_pass for run in plan.runs),
+        axis_orders=next((run.axis_orders for run in plan.runs if run.axis_orders), ()),
         beam_offset=offsets,
     )
 
@@ -110,34 +111,44 @@ def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
 
-    with working("forecasting this survey and each that has one more run (some seconds)"):
+    with working("looking for the best surveys (some seconds)"):
         return advise(plan, about, available_min=minutes, target_um=target_um)
 
 
 def _advice_json(advice: "Advice") -> dict[str, Any]:
     return {
         "forecast": _forecast_json(advice.forecast),
-        "additions": [_addition_json(each) for each in advice.additions],
-        "resolving": [_addition_json(each) for each in advice.resolving],
+        "front": [_named_json(each) for each in advice.front],
         "best": None if advice.best is None else _forecast_json(advice.best),
+        "with_head": None if advice.with_head is None else _named_json(advice.with_head),
+        "floor_um": advice.forecast.ahead.of.floor_um,
     }
 
 
 def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
-    from stepdiag.base.result.typed import written
 
     return {
-        "increments": forecast.plan.volume.increments,
-        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
-                 for run in forecast.plan.runs],
-        "minutes": forecast.minutes,
+        **_named_json(forecast),
         "volumetric_u_um": forecast.volumetric_um,
-        "left_um": written(forecast.left_um),
         **_unseen_json(forecast.ahead),
         "angles": forecast.angles,
         "u": forecast.u,
         "resolved": list(forecast.resolved),
         "hidden": forecast.hidden,
+    }
+
+
+def _named_json(forecast: "Forecast") -> dict[str, Any]:
+    """Return a survey as the list names it: its runs, its minutes and what it leaves."""
+    from stepdiag.base.result.typed import written
+
+    return {
+        "increments": forecast.plan.volume.increments,
+        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm,
+                  "axis_orders": list(run.axis_orders), "targets": run.targets}
+                 for run in forecast.plan.runs],
+        "minutes": forecast.minutes,
+        "left_um": written(forecast.left_um),
     }  # fmt: skip
 
 
@@ -153,31 +164,20 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
     return {name: size if isfinite(size) else None for name, size in sizes.items()}
 
 
-def _addition_json(addition: "Addition") -> dict[str, Any]:
-    return {
-        "text": addition.text,
-        "minutes": addition.minutes,
-        "gain_um": addition.gain_um,
-        "gain_um_per_minute": addition.gain_um_per_minute,
-        "newly_identified": list(addition.newly_identified),
-        "volumetric_u_um": addition.forecast.volumetric_um,
-    }
-
-
 def _print(advice: "Advice", *, asked: bool) -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.plan_tables import additions_table, forecast_table, in_words
+    from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
     console.print(in_words(advice.forecast), highlight=False)
     console.print(forecast_table(advice.forecast))
-    console.print(additions_table(advice.additions, "what to add, the best gain per minute first"))
-    if advice.resolving:
-        console.print(additions_table(advice.resolving, "steps after which all 18 functions are solved from the laser's readings"))
+    console.print(front_table(advice))
     if advice.best is not None:
         console.print("BEST SURVEY for what was asked: " + in_words(advice.best), highlight=False)
         console.print(forecast_table(advice.best))
     elif asked:
-        console.print("No survey fits what was asked: four diagonals alone take longer, or nothing reaches the target.", highlight=False)
+        console.print(
+            "No survey fits what was asked: not even one line takes so little time, or nothing reaches the target.", highlight=False
+        )
     say_assumed(advice.forecast.assumed.stated())

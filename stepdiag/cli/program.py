@@ -26,22 +26,12 @@ def program(
 
     One for each setup, with stops, dwells and the signals to the PLC; for LinuxCNC also the HAL component that serves them over Modbus.
     """
-    from stepdiag.daemon.driving import sequence_of
+    from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
-    from stepdiag.exporters.profiles.file import read_profile_text
-    from stepdiag.exporters.programs import companion_files, default_signals, nc_programs
-    from stepdiag.exporters.programs.settings import program_section, travel_in
 
-    survey = load_survey(file)
-    sequence = sequence_of(survey)
-    defaults = default_signals(controller)
-    text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)
-    section = program_section(text, source, controller)
-    signals, travel = section.signals(defaults), travel_in(text, source)
-    programs = nc_programs(sequence, controller, signals=signals, decimals=section.decimals, travel_mm=travel)
-    beside = companion_files(controller, survey.plc.host, survey.plc.tcp_port)
+    programs, beside = programs_of(load_survey(file), controller, profile)
     write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:

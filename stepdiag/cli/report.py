@@ -227,8 +227,8 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
 
     words = catalogue("report", "en")
     kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
-    typer.echo(f"predicted: {interval_words(None if concluded.reach is None else concluded.reach.rms_after)} um (rms, k = 2)")
-    typer.echo(f"as left:   {interval_words(left.rms)} um (rms, k = 2)")
+    typer.echo(f"predicted: {interval_words(None if concluded.reach is None else concluded.reach.rms_after)} µm (rms, k = 2)")
+    typer.echo(f"as left:   {interval_words(left.rms)} µm (rms, k = 2)")
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
@@ -242,7 +242,7 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
     what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
-    console.print(f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um")
+    console.print(f"{what} (rms, k = 2): {comparison.before.words()} µm, then {comparison.after.words()} µm")
     for each in comparison.remarks:
         console.print(str(each), soft_wrap=True)
     console.print("All quantities together are reported as changed by chance in 4.6 % of comparisons (k = 2).", soft_wrap=True)

@@ -25,7 +25,11 @@ def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", hel
     record(file, verbose=verbose)
 
 
-def complete(folder: Path, readings: Annotated[bool, typer.Option("--readings", help="Only the readings.")] = False) -> None:
+def complete(
+    folder: Path,
+    readings: Annotated[bool, typer.Option("--readings", help="Only the readings.")] = False,
+    certificate: Annotated[bool, typer.Option("--certificate", help="Only the certificate.")] = False,
+) -> None:
     """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority
 
@@ -42,6 +46,11 @@ def complete(folder: Path, readings: Annotated[bool, typer.Option("--readings", 
 
     # the daemon reads the last line as a message
     with refusals_shown(kept):
+        if certificate:
+            from stepdiag.cli.certificate import certify_folder
+
+            typer.echo(kept(message("certificate-written", name=certify_folder(folder).name)), err=True)
+            return
         done = finish([folder], folder)
         write_completed_report(done)
     refused = kept(joined([message("export-refused", control=name, why=why) for name, why in done.refusals.items()]))

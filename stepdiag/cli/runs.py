@@ -108,7 +108,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
-    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} um")
+    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} µm")
     typer.echo("  target_mm  predicted_um  measured_um")
     for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")

@@ -51,25 +51,28 @@ def setup(
     nothing is written to the machine.
     """
     from stepdiag.base.files import refuse_existing, write_new
-    from stepdiag.daq.survey.composed import Answers, composed
+    from stepdiag.daq.survey.composed import Answers, composed, increments_for
 
     if not 1.0 <= seconds < float("inf"):
         raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
     refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
     found_control, found_host, found_port = _control(control, host, port)
+    named = asked("machine", "The machine as it is to stand in the report", machine, _text)
+    size_mm = asked("size", "Edges of the volume in mm (x y z)", size, _three)
+    usual = machine_class_asked(machine_class, feedback, pitch_mm)
     answers = Answers(
         name=_name(file),
-        machine=asked("machine", "The machine as it is to stand in the report", machine, _text),
-        size_mm=asked("size", "Edges of the volume in mm (x y z)", size, _three),
+        machine=named,
+        size_mm=size_mm,
         origin_mm=asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
-        increments=asked("increments", "Increments per axis", increments, _whole, "10"),
+        increments=asked("increments", "Increments per axis", increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
         chain=asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
         compensation=asked("compensation", "Its compensation while measuring (off, or ?: stated later)", compensation, _switched, "?"),
         laser_port=line,
         laser_format=form,
         baud=rate,
-        usual=machine_class_asked(machine_class, feedback, pitch_mm),
+        usual=usual,
         control=found_control,
         host=found_host,
         tcp_port=found_port,

@@ -13,7 +13,6 @@ from stepdiag.cli.completion import TABLES, tables
 if TYPE_CHECKING:
     from stepdiag.exporters.safety.sign_run import SignRun
     from stepdiag.exporters.safety.sign_test import Bump, Verdict
-    from stepdiag.exporters.tables.profile import Profile
 
 NOTE = "SIGNTEST.txt"
 _ENDINGS = "--out DIR to write the bump, or --off FILE --on FILE (or --run FILE) to read the verdict"
@@ -28,7 +27,7 @@ def signtest(
     controller: Annotated[str, typer.Option(help=f"The control: {', '.join(TABLES)}.", autocompletion=tables)],
     profile: Annotated[Path, typer.Option(help="The machine's profile (TOML).")],
     function: Annotated[str, typer.Option(help="The function that gets the bump: EXX, EYY, EZZ, or a cross table such as EYX.")] = "EXX",
-    result: Annotated[Path | None, typer.Option(help="result.json, where the profile gives no start_mm and end_mm.")] = None,
+    result: Annotated[Path | None, typer.Option(help="The survey's result.json: the run without the bump follows its curve.")] = None,
     out: Annotated[Path | None, typer.Option(help="Write the bump into this folder.")] = None,
     off: Annotated[Path | None, typer.Option(help="Readings (CSV) of the linear run with the table off.")] = None,
     on: Annotated[Path | None, typer.Option(help="Readings (CSV) of the same run with the table on.")] = None,
@@ -40,10 +39,17 @@ def signtest(
 
     Writes a table with a bump, then reads from two runs what the control did with it.
     """
+    from stepdiag.cli.report import read_result
+    from stepdiag.exporters.files.sets import read_given
+    from stepdiag.exporters.profiles.file import load_profile
     from stepdiag.exporters.profiles.registry import controller_named
+    from stepdiag.exporters.safety.identity import require_same_machine
+    from stepdiag.exporters.safety.sign_evidence import known_um, record, require_sound, subject
     from stepdiag.exporters.safety.sign_test import bump, verdict
 
-    test = bump(controller_named(controller), _profile(controller, profile, result), function)
+    control, measured = controller_named(controller), None if result is None else read_result(result)
+    known = load_profile(profile, control, None if measured is None else measured.volume)
+    test = bump(control, known, function)
     if out is not None and off is None and on is None and run is None:
         for name, given in (("--date", day is not None), ("--json", as_json)):
             if given:
@@ -52,22 +58,20 @@ def signtest(
         return
     if out is not None:
         raise UsageError("signtest", expected=_ENDINGS, found="both")
-    shown = verdict(test, *_run(test, off, on, run))
+    driven = _run(test, off, on, run)
+    if measured is None:
+        raise UsageError("--result", expected="the survey's result: the run without the bump has to follow its curve", found="none")
+    require_same_machine(measured, known)
+    require_sound(test, driven, known_um(measured, control, known, test, driven.position_mm))
+    shown = verdict(test, driven.position_mm, driven.off_um, driven.on_um)
     when = (day or datetime.now(tz=UTC)).date()
     if as_json:
-        record = {"kind": shown.kind, "date": f"{when}", "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}
-        typer.echo(json.dumps(record, indent=2))
+        facts = {"kind": shown.kind, "date": f"{when}", "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}
+        typer.echo(json.dumps(facts, indent=2))
         return
-    typer.echo(f"expected {test.expected_um:+.1f} um at {test.top_mm:g} mm; {shown.text}")
-    typer.echo(f"\nappend to {profile}:\n\n{shown.as_toml(when)}{_consequence(test, shown)}")
-
-
-def _profile(controller: str, profile: Path, result: Path | None) -> "Profile":
-    from stepdiag.cli.report import read_result
-    from stepdiag.exporters.profiles.file import load_profile
-    from stepdiag.exporters.profiles.registry import controller_named
-
-    return load_profile(profile, controller_named(controller), None if result is None else read_result(result).volume)
+    kept = record(test, shown, subject(controller, known), when, read_given([each for each in (off, on, run) if each is not None]))
+    typer.echo(f"expected {test.expected_um:+.1f} µm at {test.top_mm:g} mm; {shown.text}")
+    typer.echo(f"\nappend to {profile}:\n\n{kept.as_toml()}{_consequence(test, shown)}")
 
 
 def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
@@ -75,7 +79,7 @@ def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
-    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode("ascii"), role="note")
+    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode(), role="note")
     write_set(out, [*test.files, *test.restore, note])
     for file in (*test.files, *test.restore, note):
         typer.echo(str(out / file.name))
@@ -83,14 +87,16 @@ def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path
 
 def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) -> str:
     """Return the test as steps for the person who makes it."""
+    from stepdiag.exporters.safety.sign_evidence import FEWEST
+
     moving, measured = test.function[2], test.function[1]
     along = moving == measured
     laser = f"a laser along {measured}" if along else f"a dial or a straightness laser that sees {measured}"
     decisive = [test.reference_mm, test.top_mm, *([] if test.beyond_mm is None else [test.beyond_mm])]
-    places = f"{', '.join(f'{at:g}' for at in decisive)} mm and a few positions between them"
+    places = f"{', '.join(f'{at:g}' for at in decisive)} mm and positions between them, {FEWEST} at least"
     reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
-    ends = "" if result is None else f" --result {result.name}"
-    expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
+    ends = f" --result {'result.json' if result is None else result.name}"
+    expected = f"{measured} moves {test.expected_um:+.1f} µm at {test.top_mm:g} mm"
     aside = "" if test.lever is None else f" {test.lever[0]} stands at {test.lever[1]:g} mm all the time."
     steps = (
         f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.{aside}",
@@ -101,7 +107,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
         f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} --function {test.function} {reading}",
     )
     lines = [f"SIGN TEST of {test.function} on {controller}", *(f"{number}. {step}" for number, step in enumerate(steps, start=1))]
-    return "\n".join(lines).encode("ascii", "replace").decode("ascii") + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":

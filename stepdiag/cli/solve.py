@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,8 @@ from stepdiag.cli.runs import Runs, files_of, with_files
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from stepdiag.base.result.result import Result
 
 Sources = Annotated[list[Path], typer.Argument(help="A readings CSV, or the logs of one survey (files or their folder).")]
@@ -104,10 +106,19 @@ def solve(
 
 def concluded(result: "Result") -> list[str]:
     """Return the conclusion of a result alone, as lines of a terminal."""
-    from stepdiag.conclusion import conclude, conclusion_document, titles_of, words_of
-    from stepdiag.terminal.tables import conclusion_lines
+    from stepdiag.conclusion import conclude, conclusion_document
 
-    return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
+    return in_lines(conclusion_document(conclude(result)))
+
+
+def in_lines(document: "Mapping[str, Any]") -> list[str]:
+    """Return the JSON of a conclusion as lines of a terminal."""
+    from stepdiag.conclusion import titles_of, words_of
+    from stepdiag.terminal.tables import conclusion_lines
+    from stepdiag.terminal.viewer import viewers_language
+
+    language = viewers_language()
+    return list(conclusion_lines(words_of(document, language), titles_of(language)))
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:

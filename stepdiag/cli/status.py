@@ -7,10 +7,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import shown
+
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from stepdiag.base.messages import Words
     from stepdiag.daemon.survey_state import Standing
+
+
+_STATES = {
+    "to-do": message("state-to-do"), "running": message("state-running"), "done": message("state-done"),
+    "again": message("state-again"),
+}  # fmt: skip
+_LINKS = {
+    "connecting": message("link-connecting"), "connected": message("link-connected"), "silent": message("link-silent"),
+    "lost": message("link-gone"),
+}  # fmt: skip
 
 
 def register(app: typer.Typer) -> None:
@@ -80,37 +94,34 @@ def _plain(value: object) -> Any:
 def _print(found: "Standing") -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.printable import printable
-
-    where = "nothing recorded yet" if found.round is None else str(found.round)
-    daemon = "a daemon records here now" if found.recording else "no daemon runs here"
-    typer.echo(printable(f"{found.survey} on {found.machine}: {where}; {daemon}"))
+    where = message("nothing-recorded-yet") if found.round is None else str(found.round)
+    recorder = message("recorder-records") if found.recording else message("no-recorder")
+    typer.echo(shown(message("status-survey", survey=found.survey, machine=found.machine, where=where, recorder=recorder)))
     Console().print(_table(found))
     for line in _live(found):
-        typer.echo(printable(line))
+        typer.echo(shown(line))
     for setup in found.setups:
-        for said in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
-            typer.echo(printable(f"{setup.name}: {said}"))
+        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
+            typer.echo(shown(message("labelled", name=setup.name, what=words)))
     for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
-        typer.echo(printable(line))
+        typer.echo(shown(line))
     if found.disk:
-        typer.echo(str(found.disk))
+        typer.echo(shown(found.disk))
     if found.changed:
-        words = "`stepdiag correct` shows what it changes; another volume, target list or program begins a new round"
-        typer.echo(f"The survey file is not the one these logs were recorded with: {words}.")
+        typer.echo(shown(message("survey-file-changed")))
     for line in _next(found):
-        typer.echo(printable(line))
+        typer.echo(shown(line))
     for line in _concluded(found):
         typer.echo(line)
 
 
-def _undated(found: "Standing") -> list[str]:
+def _undated(found: "Standing") -> "list[Words]":
     """Return that the clock was never set, with the command that states the time; nothing where it was set, or the time is stated."""
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
-    unset = [str(each.finding.words) for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
-    return [f"{text}: `stepdiag accept {where} {CODE} --begun TIME --reason ...`" for text in unset]
+    unset = [each.finding.words for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
+    return [message("labelled", name=words, what=f"`stepdiag accept {where} {CODE} --begun TIME --reason ...`") for words in unset]
 
 
 def _concluded(found: "Standing") -> list[str]:
@@ -119,69 +130,83 @@ def _concluded(found: "Standing") -> list[str]:
 
 def concluded_in(folder: Path) -> list[str]:
     """Return the conclusion that stands in a survey's folder, as lines; none before there is one."""
-    from stepdiag.conclusion import conclusion_in, titles_of, words_of
-    from stepdiag.terminal.tables import conclusion_lines
+    from stepdiag.cli.solve import in_lines
+    from stepdiag.conclusion import conclusion_in
 
     document = conclusion_in(folder)
-    return [] if document is None else list(conclusion_lines(words_of(document, "en"), titles_of("en")))
+    return [] if document is None else in_lines(document)
 
 
 def _table(found: "Standing") -> "Table":
     from rich.table import Table
 
     table = Table()
-    for column in ("setup", "passes", "stops", "state"):
-        table.add_column(column, justify="right" if column in {"passes", "stops"} else "left")
+    for column in (message("column-setup"), message("column-passes"), message("column-stops"), message("column-state")):
+        table.add_column(shown(column), justify="right" if column.key in {"column-passes", "column-stops"} else "left")
     for setup in found.setups:
-        passes, stops = f"{setup.passes_done} of {setup.passes_wanted}", f"{setup.stops_done} of {setup.stops_wanted}"
-        table.add_row(setup.name, passes, stops, setup.state)
+        passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
+        stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)
+        table.add_row(setup.name, shown(passes), shown(stops), shown(_STATES[setup.state]))
     return table
 
 
-def _live(found: "Standing") -> list[str]:
-    """Return what the daemon hears and waits for, as lines; none where none runs."""
+def _live(found: "Standing") -> "list[Words]":
+    """Return what the recorder receives and waits for, as lines; none where none runs."""
     if found.live is None:
         return []
-    links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
-    lines = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
+    links = {
+        message("link-laser"): found.live.laser,
+        message("link-machine"): found.live.plc,
+        message("link-head"): found.live.head,
+        message("link-air"): found.live.air,
+    }
+    lines: list[Words] = [
+        message("status-link", name=name, state=_LINKS[link.state], detail=link.detail or link.address)
+        for name, link in links.items()
+        if link is not None
+    ]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
-    lines += [f"told of air and material: {air}"] if air else []
-    return [*lines, f"it waits for: {found.live.waits_for}", *([str(found.live.message)] if found.live.message else [])]
+    lines += [message("status-air", values=air)] if air else []
+    return [*lines, message("status-waits", what=found.live.waits_for), *([found.live.message] if found.live.message else [])]
 
 
-def _doubted(found: "Standing") -> list[str]:
+def _doubted(found: "Standing") -> "list[Words]":
     """Return every doubt in its words, unless a setup's line holds them, and after those of a place the command that accepts them."""
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))
-    said, lines = " ".join(str(setup.doubt) for setup in found.setups), list[str]()
+    named, lines = " ".join(str(setup.doubt) for setup in found.setups), list["Words"]()
     for place in places_of(found.doubts):
-        here = [str(doubt.words) for doubt in found.doubts if doubt.place == place]
-        lines += [text for text in here if text not in said and text not in lines]
-        lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
+        here = [doubt.words for doubt in found.doubts if doubt.place == place]
+        lines += [words for words in dict.fromkeys(here) if str(words) not in named and words not in lines]
+        lines.append(message("status-accept", command=f"stepdiag accept {where} {place} --reason ..."))
     return lines
 
 
-def _still(found: "Standing") -> list[str]:
+def _still(found: "Standing") -> "list[Words]":
     """Return what is still to be driven, in order, a line a pass."""
     total = sum(drive.minutes for drive in found.to_drive)
-    lines = [f"still to drive, about {max(round(total), 1)} min with setting up:"]
+    lines: list[Words] = [message("status-to-drive", minutes=max(round(total), 1))]
     for drive in found.to_drive:
-        place = f"from stop {drive.from_stop} on, {drive.stops} stops" if drive.from_stop else f"{drive.stops} stops"
-        lines.append(f"  {drive.setup}, pass {drive.pass_number}: {place}, about {max(round(drive.minutes), 1)} min")
+        stops = message("stops-counted", count=drive.stops)
+        if drive.from_stop:
+            stops = message("stops-from", first=drive.from_stop, count=drive.stops)
+        minutes = max(round(drive.minutes), 1)
+        line = message("status-pass", setup=drive.setup, number=drive.pass_number, stops=stops, minutes=minutes)
+        lines.append(f"  {shown(line)}")
     return lines
 
 
-def _next(found: "Standing") -> list[str]:
+def _next(found: "Standing") -> "list[Words]":
     """Return what to do next."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     if not found.complete:
-        return [f"next: {found.next_setup}", *_still(found), *_doubted(found)]
+        return [message("status-next", what=found.next_setup), *_still(found), *_doubted(found)]
     if found.result is not None:
-        return [f"complete: {found.result}"]
+        return [message("status-complete", path=str(found.result))]
     if found.unsolved:
-        return [f"every pass is in, and there is no result: {found.unsolved}"]
+        return [message("status-unsolved", why=found.unsolved)]
     logs = found.round or found.folder
     command = shlex.join(["stepdiag", "solve", str(logs), "--out", str(logs / RESULT)])
-    return [f"every pass is in, no result yet: `{command}` makes one"]
+    return [message("status-unasked", command=command)]

@@ -8,6 +8,7 @@ from rich.text import Text
 from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
 from stepdiag.terminal.printable import printable
+from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
 """What tells one result from another, by its names in the result's ``survey``; a result whose readings came from elsewhere may say less."""
@@ -38,7 +39,7 @@ def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
 def _row(change: Change) -> tuple[str, ...]:
     expanded = None if change.u is None else 2 * change.u
     numbers = (_shown(change.position_mm, 0), *(_shown(v) for v in (change.before, change.after, change.difference, expanded)))
-    return change.name, *numbers, change.unit, change.verdict or "-"
+    return change.name, *numbers, UNITS[change.unit], change.verdict or "-"
 
 
 def _shown(value: float | None, decimals: int = 2) -> str:
@@ -54,5 +55,5 @@ def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
         table.add_column(Text(name), justify="right")
     for one in trends:
         cells = [_shown(value) + ("" if u is None else f" ± {2 * u:.2f}") for value, u in zip(one.values, one.u, strict=True)]
-        table.add_row(one.name, one.unit, *cells)
+        table.add_row(one.name, UNITS[one.unit], *cells)
     return table

@@ -115,7 +115,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     _require_all(replayed)
     survey = replayed.survey
     readings = readings_of(replayed, environment)
-    unsaid = assumed_conditions(replayed.book, survey, environment or ())
+    unmeasured = assumed_conditions(replayed.book, survey, environment or ())
     chosen = method or survey.solver.method
     level = _angles(replayed) or {}
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
@@ -129,13 +129,13 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         method=chosen,
         angles=angles or None,
         straightness=head.straightness,
-        assumed=with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unsaid]),
+        assumed=with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured]),
     )
-    solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unsaid))
+    solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unmeasured))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
         *compensation_findings(survey),
-        *unchecked(survey, {*(one.name for one in unsaid), *(environment or {})}),
+        *unchecked(survey, {*(one.name for one in unmeasured), *(environment or {})}),
         *clock_findings(replayed.book),
         *settled_findings(replayed.book, solved, stated=environment or {}),
     )
@@ -144,7 +144,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         findings=findings,
         sources=tuple(Source(role="log", name=log.path.name, sha256=digest(log.path)) for log in replayed.logs),
         survey=_facts(replayed),
-        conditions=_conditions(replayed, environment or {}, unsaid),
+        conditions=_conditions(replayed, environment or {}, unmeasured),
         history=tuple(dict.fromkeys(replayed.findings)),
     )
     return described, render_readings(readings)
@@ -206,15 +206,15 @@ def _facts(replayed: Replayed) -> Facts:
     return compensation_of(survey, replayed.files).facts(facts)
 
 
-def _conditions(replayed: Replayed, environment: Mapping[str, float], unsaid: Sequence[Held]) -> Conditions:
+def _conditions(replayed: Replayed, environment: Mapping[str, float], unmeasured: Sequence[Held]) -> Conditions:
     """Return the least and the largest value of each sensor over the stops used, and the conditions that no sensor measured.
 
-    A value of ``environment`` stands for a sensor's; a condition ``unsaid`` is as the survey file has it.
+    A value of ``environment`` stands for a sensor's; a condition ``unmeasured`` is as the survey file has it.
     """
     stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
     seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}
     ranges = {name: (min(values), max(values)) for name, values in seen.items() if values}
-    assumed = {one.name: getattr(replayed.survey.environment, one.name) for one in unsaid}
+    assumed = {one.name: getattr(replayed.survey.environment, one.name) for one in unmeasured}
     return Conditions(
         **{**ranges, **{name: (value, value) for name, value in environment.items()}},
         assumed=AssumedConditions(**assumed) if assumed else None,

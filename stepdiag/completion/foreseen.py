@@ -1,39 +1,59 @@
 """What a survey can tell by how it is driven, before anything of it is measured: as the planner knows it."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
+from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
-from stepdiag.base.readings.runs import Pace, Plan, Run
-from stepdiag.base.volume import MOST_INCREMENTS
+from stepdiag.base.volume import MOST_INCREMENTS, in_step
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.planning.planner import Circumstances, forecast
+from stepdiag.exporters.profiles.file import load_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.tables.controller import Multiplying
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.information import Zone
+from stepdiag.solver.planning.planner import forecast
 
 FOURDOF_FORMATS = ("fourdof", "tqd")
 """Heads that make runs of their own beside the laser's."""
-IN_STEP = 0.05
-"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
+LINUXCNC = "linuxcnc"
+"""The control whose kinematics take a lattice."""
 
 
-def planned(survey: Survey) -> Plan:
-    """Return the runs of a survey as the planner knows them."""
-    plan = survey.plan
-    shifted = plan.all_setups[len(plan.setups) :]
-    offsets = dict(zip(shifted, (each.offset_mm for each in plan.beam_offset), strict=True))
-    runs = tuple(
-        Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)))
-        for name in plan.all_setups
-    )
-    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
-    return Plan(volume=survey.volume, runs=runs, axis_order=survey.axis_order, pace=pace)
-
-
-def circumstances(survey: Survey) -> Circumstances:
-    """Return the job's circumstances as far as the survey file tells them."""
+def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
+    """Return the job's circumstances as far as the survey file tells them, and the profiles of its controls in its ``folder``."""
     head = survey.head is not None and survey.head.format in FOURDOF_FORMATS
-    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey), head=head)
+    controls = [CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS]
+    by_axis = bool(controls) and not any(isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls)
+    finer = () if survey.uncertainty.pitch_mm is None else range(1, MOST_INCREMENTS + 1)
+    return Circumstances(
+        chain=survey.machine.chain,
+        assumed=assumptions_of(survey),
+        head=head,
+        aim="tables" if by_axis else "lattice",
+        zone=None if folder is None else _zone(survey, folder),
+        in_step=tuple(
+            n for n in finer if any(in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0) for edge_mm in survey.volume.size_mm)
+        ),
+    )
+
+
+def _zone(survey: Survey, folder: Path) -> Zone | None:
+    """Return the part of the volume where the tables of the first control have to fit best; None where its profile names none, or is not
+    yet filled in."""
+    if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
+        return None
+    first = survey.exports[0]
+    try:
+        named = load_profile(folder / first.profile, CONTROLLERS[first.controller], survey.volume).zone
+    except UsageError:
+        return None
+    ends = [(low, low + edge) for low, edge in zip(survey.volume.origin_mm, survey.volume.size_mm, strict=True)]
+    x, y, z = (named.get(axis.upper(), end) for axis, end in zip(AXES, ends, strict=True))
+    return (x, y, z) if named else None
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:
@@ -44,31 +64,26 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
     plan = survey.plan
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
         return
-    if hides := forecast(planned(survey), circumstances(survey)).ahead.hides():
+    if hides := forecast(survey.planned, circumstances(survey)).ahead.hides():
         yield finding("info", message("plan-hides.slip", hides=hides))
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
     """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of increments that shows them.
 
-    Silent where the survey file does not state a pitch, and for linear scales.
+    Silent where the survey file does not state a pitch, for linear scales, and along axes whose runs have targets of their own.
     """
     pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
     if pitch_mm is None or survey.uncertainty.feedback != "screw":
         return
-    steps_mm = {axis: edge_mm / volume.increments for axis, edge_mm in zip(AXES, volume.size_mm, strict=True)}
-    hidden = [f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if _in_step(step_mm, pitch_mm)]
+    shown = {run.travel.axis for run in survey.planned.runs if run.targets}
+    steps_mm = {axis: edge_mm / volume.increments for axis, edge_mm in zip(AXES, volume.size_mm, strict=True) if axis not in shown}
+    hidden = [f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if in_step(step_mm, pitch_mm)]
     if not hidden:
         return
     finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
-    better = next((n for n in finer if not any(_in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
+    better = next((n for n in finer if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
     if better is None:
         yield finding("info", message("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm))
     else:
         yield finding("info", message("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better))
-
-
-def _in_step(step_mm: float, pitch_mm: float) -> bool:
-    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
-    turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
-    return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)

@@ -10,7 +10,7 @@ from stepdiag.conclusion.contributions import Contribution, contributions_of
 from stepdiag.conclusion.file import conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
 from stepdiag.conclusion.intervals import Reach, reach_of
 from stepdiag.conclusion.sentences import Sentence, render
-from stepdiag.conclusion.verdict import STATES, interval_of, judged_in, probability_words, quantity_words, verdict_words
+from stepdiag.conclusion.verdict import STATES, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
 
 __all__ = [
     "STATES",
@@ -24,6 +24,7 @@ __all__ = [
     "conclusion_in",
     "conclusion_json",
     "contributions_of",
+    "even_of",
     "export_of",
     "harmed_in",
     "interval_of",

@@ -8,7 +8,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.messages import Words
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
-from stepdiag.base.result.interval import Interval, decimals_of
+from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
 from stepdiag.base.result.members import UnseenSlip
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
@@ -96,7 +96,7 @@ def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
 
 def _wrong_sentence(one: Contribution) -> Sentence:
     """Return a contribution in words."""
-    numbers = {"um": _um(one.effect_um), "length": f"{one.length_mm:.0f}", "value": _um(abs(one.value)), "axis": one.axis, "name": one.name}
+    numbers = {"um": _um(one.effect_um), "length": f"{one.length_mm:.0f}", "value": _value(one), "axis": one.axis, "name": one.name}
     more = "positive" if one.value > 0 else "negative"
     match one.kind:
         case "squareness":
@@ -107,6 +107,13 @@ def _wrong_sentence(one: Contribution) -> Sentence:
             return Sentence(key="wrong_straightness", arguments={**numbers, "to": one.name[1]})
         case _:
             return Sentence(key=f"wrong_{one.kind}", arguments=numbers)
+
+
+def _value(one: Contribution) -> str:
+    """Return the magnitude of a quantity, of a squareness or a scale to the digits of its U, as its table has it."""
+    if one.kind not in ("squareness", "scale") or not one.u_um:
+        return _um(abs(one.value))
+    return f"{abs(one.value):.{decimals_of_u(2e3 * one.u_um / one.length_mm)}f}"
 
 
 def _towards(one: Contribution) -> str:

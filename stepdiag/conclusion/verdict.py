@@ -4,24 +4,32 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from stepdiag.base.conformity import judged_volume, together
-from stepdiag.base.result.interval import FieldFigures, Interval
+from stepdiag.base.result.interval import FieldFigures, Interval, with_expanded
 from stepdiag.base.result.members import Conformity, Judged
 from stepdiag.base.result.result import Result
 from stepdiag.conclusion.intervals import Reach
 from stepdiag.conclusion.sentences import Sentence, render
-from stepdiag.texts import Language
+from stepdiag.texts.texts import UNITS, Language
 
 STATES = ("as_found", "predicted")
-UNITS = {"um": "µm", "urad": "µrad"}
 SURE = 0.99
 """A probability beyond is no better known: it is a share of a few hundred draws."""
 
 
+ROUNDING = 1e-4
+"""um and urad: the ends of an even interval in a file differ by no more than its last digits."""
+
+
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
-    """Return the conformity of a result, the volume predicted with the files of an export where there are any; None without a tolerance."""
+    """Return the conformity of a result, None without a tolerance.
+
+    With the files of an export it is their volume that is predicted, and nothing of single functions: a file may leave one out.
+    """
     if result.conformity is None or exported is None or exported.rms_after is None or exported.largest_after is None:
         return result.conformity
     after = FieldFigures(rms_um=exported.rms_after, largest_um=exported.largest_after)
+    if result.predicted is not None and after == result.predicted.without_rigid_motion["after"]:
+        return result.conformity  # no files: the ideal compensation
     return replace(result.conformity, predicted=judged_volume(result.tolerance or {}, after))
 
 
@@ -44,8 +52,18 @@ def _sentence(one: Judged) -> Sentence:
     }
     if one.low is None or one.high is None or one.probability is None:
         return Sentence(key="verdict_unknown_figure", arguments=arguments)
+    arguments["p"] = probability_words(one.probability)
+    if figure := even_of(one):
+        return Sentence(key="verdict_even", arguments={**arguments, "figure": figure})
     low, high = interval_of(one)
-    return Sentence(key="verdict_figure", arguments={**arguments, "low": low, "high": high, "p": probability_words(one.probability)})
+    return Sentence(key="verdict_figure", arguments={**arguments, "low": low, "high": high})
+
+
+def even_of(one: Judged) -> str:
+    """Return a figure whose interval is even as value and U, as its table has it; empty for a skewed or unknown one."""
+    if one.value is None or one.low is None or one.high is None or abs(one.low + one.high - 2.0 * one.value) > ROUNDING:
+        return ""
+    return with_expanded(one.value, (one.high - one.low) / 2.0).replace("-", "−")
 
 
 def interval_of(one: Judged) -> tuple[str, str]:

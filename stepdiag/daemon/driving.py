@@ -1,7 +1,40 @@
-"""What a survey drives, as the writers of NC programs know it."""
+"""What a survey drives, as the writers of NC programs know it, and its programs."""
 
+from dataclasses import replace
+from pathlib import Path
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.base.setups import setup_of
 from stepdiag.daq.survey.models import Survey
-from stepdiag.exporters.programs import Sequence
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.profiles.file import read_profile_text
+from stepdiag.exporters.programs import Program, Sequence, companion_files, default_signals, nc_programs
+from stepdiag.exporters.programs.settings import program_section, travel_in
+
+
+def programs_of(
+    survey: Survey, control: str, profile: Path | None, *, commission: bool = False
+) -> tuple[tuple[Program, ...], tuple[ControlFile, ...]]:
+    """Return the NC programs of a survey and the files beside them; with ``commission`` those of the head alone, with the jogs.
+
+    Raises as `nc_programs`, and UsageError where the head is to be commissioned and the plan has no run of it.
+    """
+    defaults = default_signals(control)
+    text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)
+    section = program_section(text, source, control)
+    programs = nc_programs(
+        replace(sequence_of(survey), commission=commission),
+        control,
+        signals=section.signals(defaults),
+        decimals=section.decimals,
+        travel_mm=travel_in(text, source),
+    )
+    if commission:
+        programs = tuple(each for each in programs if setup_of(each.setup).is_fourdof)
+    if not programs:
+        raise UsageError("plan.setups", expected=message("run-of-head-in-plan"), found=", ".join(survey.plan.all_setups))
+    return programs, companion_files(control, survey.plc.host, survey.plc.tcp_port)
 
 
 def sequence_of(survey: Survey) -> Sequence:
@@ -18,4 +51,7 @@ def sequence_of(survey: Survey) -> Sequence:
         dwell_s=plan.dwell_s,
         overrun_mm=plan.overrun_mm,
         handshake=survey.plc.handshake.enabled,
+        axis_orders=plan.axis_orders,
+        targets=plan.targets,
+        beam_offset_mm={run.setup: run.beam_offset_mm for run in survey.planned.runs},
     )

@@ -58,7 +58,7 @@ class Standing:
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
     disk: Words
-    """What is to be said of the disk; empty while there is room."""
+    """The finding of the disk; empty while there is room."""
 
     @property
     def complete(self) -> bool:

@@ -43,7 +43,7 @@ class Key:
 
 KEYS = {
     "b": Key(does="hold a hand into the beam for a second", kind="beam-lost"),
-    "k": Key(does="knock against the mirror: 60 um", kind="laser-jump", value=60.0),
+    "k": Key(does="knock against the mirror: 60 µm", kind="laser-jump", value=60.0),
     "u": Key(does="pull the laser's cable for five seconds", kind="laser-unplug", duration_s=5.0),
     "p": Key(does="take the PLC off the network for eight seconds", kind="plc-silent", duration_s=8.0),
     "a": Key(

@@ -4,7 +4,7 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -80,11 +80,16 @@ def add(folder: Path, store: Store) -> Added:
             there = store.write_checked(f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256)
             hashes[path] = sha256(there)
             size += len(there)
-    manifest = {"format": FORMAT, "version": VERSION, "machine": facts.machine, "survey": name, "files": hashes}
-    store.write_checked(f"{place.folder}/{LISTED}", json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
-    table = to_parquet(table_of(facts, list(rows_of(result))))
+    table = to_parquet(table_of(facts, list(rows_of(result))), hashes[RESULT])
+    store.write_checked(f"{place.folder}/{LISTED}", manifest_of(place, hashes, table=sha256(table)))
     store.write_checked(place.table, table)
     return Added(source=folder, place=place, outcome="archived", size_bytes=size + len(table))
+
+
+def manifest_of(place: Place, files: Mapping[str, str], **table: str) -> bytes:
+    """Return the list of an archived survey's files with their SHA-256; ``table`` is that of its numbers, which older stores lack."""
+    manifest = {"format": FORMAT, "version": VERSION, "machine": place.machine, "survey": place.survey, "files": dict(files), **table}
+    return json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n"
 
 
 def _content_of(log: bytes) -> str:
@@ -130,7 +135,12 @@ def _name_of(logs: Sequence[Path]) -> str:
     for log, each in zip(logs, sums, strict=True):
         if not each:
             raise DataError(str(log), expected="a whole log", found="a damaged one", remedy=f"mend it: `stepdiag recover {log}`")
-    return hashlib.sha256("".join(sorted(sums)).encode()).hexdigest()[:_ID_DIGITS]
+    return name_of_logs(sums)
+
+
+def name_of_logs(digests: Sequence[str]) -> str:
+    """Return the name of the survey with logs of these digests."""
+    return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()[:_ID_DIGITS]
 
 
 class _Files:

@@ -12,7 +12,7 @@ from stepdiag.fleet.terminal import as_csv
 from stepdiag.fleet.trend import Trend, already_perhaps, day, rank, statements
 from stepdiag.report.drawings import svg
 from stepdiag.report.drawings.figure import data_link
-from stepdiag.texts.texts import Language, catalogue, localised
+from stepdiag.texts.texts import UNITS, Language, catalogue, localised
 
 NEAR_PX = 5.0
 """How far from a survey's dot a pointer still finds its value."""
@@ -83,17 +83,17 @@ def _card(machine: str, trends: Sequence[Trend], span: tuple[datetime, datetime]
 
 def _lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
     """Return what stands below the picture: what changed, what is not decidable, where the tolerance is left."""
-    unit = trend.series.unit
+    unit = UNITS[trend.series.unit]
     name = trend.series.quantity
     if trend.series.other is not None:
         name = f"{name} ({rendered(trend.series.other, language)})"
     many = trend.verdict != "unchanged" and (trend.verdict == "changed" or len(trend.series.surveys) > 1)
     found = [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
-    if trend.outside == "yes":
-        found.append(localised(f"{name}: {words['outside']} {trend.tolerance:g} {unit}", language))
-    elif already_perhaps(trend):
-        found.append(localised(f"{name}: {words['perhaps']} {trend.tolerance:g} {unit}", language))
-    elif trend.leaving is not None and trend.leaving.likely is not None:
+    if trend.conformity is not None:
+        found.append(localised(f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language))
+    if trend.outside == "yes" or already_perhaps(trend):
+        return found
+    if trend.leaving is not None and trend.leaving.likely is not None:
         edges = [words["never"] if at is None else day(at) for at in (trend.leaving.earliest, trend.leaving.latest)]
         found.append(f"{name}: {words['leaves']} {day(trend.leaving.likely)} ({edges[0]} – {edges[1]})")
     return found
@@ -123,7 +123,7 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
     limit = [rule(y(trend.tolerance), "limit")] if trend.tolerance is not None and low <= trend.tolerance <= high else []
     ends = [svg.text(f"{span[0].date()}", LEFT, HEIGHT - 4), svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end")]
     edges = [svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end") for value in (low, high)]
-    label = f"{trend.series.machine}: {trend.series.quantity} / {trend.series.unit}, {words['over_time']}"
+    label = f"{trend.series.machine}: {trend.series.quantity} / {UNITS[trend.series.unit]}, {words['over_time']}"
     return svg.drawing(WIDTH, HEIGHT, label, rule(HEIGHT - BOTTOM, "axis"), *limit, *steps, *marks, line, *dots, *ends, *edges, *values)
 
 
@@ -132,7 +132,7 @@ def _value(trend: Trend, point: Point, language: Language) -> str:
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
     if math.isfinite(point.low):
         expanded = f" ({svg.fixed(point.low)} – {svg.fixed(point.high)})"
-    figure = localised(f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {trend.series.unit}", language)
+    figure = localised(f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {UNITS[trend.series.unit]}", language)
     return f"{day(point.time)}, {point.survey.name}: {figure}"
 
 

@@ -141,7 +141,7 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
-    store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after)))))
+    store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), sha256(new.encode("utf-8"))))
     found = compare(parse_result(old, RESULT), after).changes
     return tuple(
         f"{each.name} by {each.difference:+.3f} {each.unit} (U {2 * (each.u or 0.0):.2f})"

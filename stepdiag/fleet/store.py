@@ -22,10 +22,11 @@ from urllib.parse import quote, unquote
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
+from stepdiag.base.disk.part import part_of, write_through
+from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_BYTES
 from stepdiag.base.messages import excerpt
-from stepdiag.base.part import part_of, sync_folder, write_through
 from stepdiag.daq.records.survey_folder import RESULT
 
 FORMAT, VERSION = "stepdiag-store", 1

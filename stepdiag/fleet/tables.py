@@ -23,7 +23,7 @@ from stepdiag.fleet.store import INDEX, Place, Store
 
 VERSION, OLDEST = "2", "1"
 """Tables of version 1 lack the columns from `u_common` on."""
-_MARK = b"stepdiag-rows"
+_MARK, _RESULT, _WRITER = b"stepdiag-rows", b"stepdiag-result-sha256", b"stepdiag-arrow"
 _WORD = pa.dictionary(pa.int32(), pa.string())
 SCHEMA = pa.schema(
     [
@@ -34,6 +34,7 @@ SCHEMA = pa.schema(
     ]
 )  # fmt: skip
 COLUMNS = tuple(SCHEMA.names)
+_BY = "parquet-cpp-arrow version "
 PLACE = "place"
 """The column behind the others of a point: the folder of the survey that it is of."""
 _LIST = pa.list_(pa.float32())
@@ -96,15 +97,34 @@ def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, 
     return values[high] - values[low], None if one is None or other is None else math.hypot(one, other)
 
 
-def to_parquet(table: pa.Table) -> bytes:
-    """Return the bytes of a table: the same for the same rows."""
+def to_parquet(table: pa.Table, result: str = "") -> bytes:
+    """Return the bytes of a table: the same for the same rows. ``result`` is the SHA-256 of the result that the rows are from."""
     out = io.BytesIO()
     with pq.ParquetWriter(
         out, table.schema, compression="zstd", compression_level=9, write_statistics=["time"], store_schema=False
     ) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({_MARK: VERSION})
+        writer.add_key_value_metadata({_MARK: VERSION, _WRITER: pa.cpp_version} | ({_RESULT: result} if result else {}))
     return out.getvalue()
+
+
+def result_named(data: bytes) -> str:
+    """Return the SHA-256 of its result that a table names; empty where it names none. Raises DataError for a damaged one."""
+    with _damage_named("parquet"):
+        return _known(pq.read_metadata(pa.BufferReader(data))).get(_RESULT, b"").decode("ascii")
+
+
+def written_by_another(data: bytes) -> bool:
+    """Return whether another version of the library wrote a table, so that the same rows are other bytes; it states its version twice."""
+    with _damage_named("parquet"):
+        metadata = pq.read_metadata(pa.BufferReader(data))
+        version = _known(metadata).get(_WRITER, b"").decode("ascii")
+        by = str(metadata.created_by)
+        return by != _BY + pa.cpp_version and (not version or (version != pa.cpp_version and by == _BY + version))
+
+
+def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
+    return metadata.metadata or {}
 
 
 def read_table(store: Store, place: Place) -> pa.Table:
@@ -130,6 +150,7 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
         _require_ours(metadata, name, schema)
         _require_small(metadata, name, most_rows, largest)
         table = pq.ParquetFile(pa.BufferReader(data), read_dictionary=[field.name for field in schema if field.type == _WORD]).read()
+        table.validate(full=True)  # words that are no UTF-8 are read as they stand, and fail where they are used
         for lacking in schema.names[len(table.schema.names) :]:
             table = table.append_column(schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type))
         if table.schema.types != schema.types:
@@ -191,5 +212,5 @@ def _described(schema: pa.Schema) -> str:
 def _damage_named(name: str) -> Iterator[None]:
     try:
         yield
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(name, expected="a Parquet file of this store", found=str(error), remedy=_REMEDY) from error

@@ -5,17 +5,22 @@ import io
 import math
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal
 
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag.base.messages import rendered
+from stepdiag.base.messages import message, rendered
+from stepdiag.base.result.members import Verdict
 from stepdiag.comparing.evolution import Course
 from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
+from stepdiag.texts.texts import UNITS
 
+PHRASES: dict[Verdict, Literal["store-conform", "store-not-conform", "store-not-decidable"]] = {
+    "conform": "store-conform", "not_conform": "store-not-conform", "not_decidable": "store-not-decidable",
+}  # fmt: skip
 HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "low", "high", "event", "software", "apart")
 
 
@@ -33,7 +38,7 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
         series = each.series
         name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
         words = "; ".join(rendered(one, "en") for one in statements(each))
-        cells = (series.machine, name, _figure(each.last, series.unit), str(len(series.surveys)), words, leaves(each))
+        cells = (series.machine, name, _figure(each.last, UNITS[series.unit]), str(len(series.surveys)), words, leaves(each))
         table.add_row(*map(Text, cells), style="bold" if each.outside == "yes" else "")
     return table
 
@@ -51,13 +56,14 @@ def _figure(point: Point, unit: str) -> str:
 
 
 def leaves(trend: Trend) -> str:
-    """Return where the series stands against its tolerance, and when it leaves it."""
-    if trend.tolerance is None:
+    """Return the verdict about the last figure, and when the series leaves its tolerance."""
+    if trend.conformity is None:
         return "-"
-    if trend.outside == "yes":
-        return f"outside {trend.tolerance:g}"
-    if already_perhaps(trend):
-        return "perhaps outside already"
+    verdict = str(message(PHRASES[trend.conformity], limit=trend.tolerance or 0.0))
+    return verdict if trend.outside == "yes" or already_perhaps(trend) else f"{verdict}; {_day_of_leaving(trend)}"
+
+
+def _day_of_leaving(trend: Trend) -> str:
     if trend.leaving is None or trend.leaving.likely is None:
         return "no date from these surveys"
     return f"{day(trend.leaving.likely)} ({_edge(trend.leaving.earliest)} to {_edge(trend.leaving.latest)})"
@@ -96,6 +102,7 @@ def _series_json(trend: Trend) -> dict[str, Any]:
         "further_surveys": trend.explained.further,
         "tolerance": trend.tolerance,
         "outside": trend.outside,
+        "conformity": trend.conformity,
         "leaving": _leaving_json(trend.leaving),
     }  # fmt: skip
 

@@ -12,16 +12,20 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conformity import verdict_of
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Verdict as Conforming
 from stepdiag.comparing.chance import Verdict
 from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
 from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
+from stepdiag.texts.texts import UNITS
 
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
 """Beyond this a date says nothing of a machine."""
 STATES = ("yes", "perhaps", "no")
+CONFORMITY: dict[str, Conforming] = {"yes": "not_conform", "perhaps": "not_decidable", "no": "conform"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +42,8 @@ class Leaving:
 class Trend:
     """What became of one series.
 
-    ``outside`` is None without a tolerance, else whether the last survey is beyond it for sure ("yes"), "perhaps", or "no".
+    ``outside`` is None without a tolerance, else whether the last survey is beyond it for sure ("yes"), "perhaps", or "no". A figure
+    without a stated uncertainty is perhaps beyond it.
     """
 
     series: Series
@@ -51,6 +56,11 @@ class Trend:
     def last(self) -> Point:
         """Return the newest survey's figure."""
         return self.series.point(-1)
+
+    @property
+    def conformity(self) -> Conforming | None:
+        """Return the verdict about the last figure by ISO 14253-1; None without a tolerance."""
+        return None if self.outside is None else CONFORMITY[self.outside]
 
     @property
     def verdict(self) -> Verdict:
@@ -212,10 +222,9 @@ def _centred(series: Series) -> Array:
 
 
 def _outside(last: Point, tolerance: float) -> str:
-    low, high = last.interval()
-    if low > tolerance:
-        return "yes"
-    return "perhaps" if high > tolerance else "no"
+    low, high = last.interval() if last.u is not None or math.isfinite(last.low) else (None, None)
+    verdict = verdict_of(low, high, tolerance)
+    return next(state for state, of in CONFORMITY.items() if of == verdict)
 
 
 def already_perhaps(trend: Trend) -> bool:
@@ -235,7 +244,7 @@ def statements(trend: Trend) -> list[Message]:
 
 
 def _statement(trend: Trend, course: Course) -> Message:
-    unit, surveys = trend.series.unit, trend.series.surveys
+    unit, surveys = UNITS[trend.series.unit], trend.series.surveys
     first, last = (day(surveys[at].time) for at in (course.first, course.last))
     expanded = 2 * course.u
     if course.kind == "line":

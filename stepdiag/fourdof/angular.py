@@ -12,8 +12,8 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
 
-Turns = dict[str, tuple[Vector, Vector, Vector]]
-"""Position, value and standard uncertainty of every rotation, relative to the first position."""
+Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
+"""Position and value of every rotation, relative to the first position; the standard uncertainty of a pass, and what all passes share."""
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
@@ -31,8 +31,9 @@ def turns_of(section: Head, each: Pass) -> Turns:
     found: Turns = {}
     for column, turn in enumerate(turns):
         value = side * (1.0 if turn[0] == "+" else -1.0) * values[order, column]
-        u = np.hypot(u_values[order, column], section.angles.u_urad)
-        found[f"E{turn[1]}{axis.upper()}"] = (position[order], value - value[0], np.hypot(u, u[0]))
+        u = u_values[order, column]
+        shared = np.full_like(u, np.sqrt(2.0) * section.angles.u_urad)
+        found[f"E{turn[1]}{axis.upper()}"] = (position[order], value - value[0], np.hypot(u, u[0]), shared)
     return found
 
 

@@ -4,28 +4,37 @@ import math
 
 import msgspec
 
-from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, HeadFile
+from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, HeadFile, LeverTable
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
-from stepdiag.solver.fourdof.head import Crosstalk, Head
+from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file; the travel it asks for is then the distance."""
+    """Return the head of a calibration file; the travel it asks for is then the distance. An absent field is ideal."""
+    lever = file.lever or LeverTable()
     return Head(
         qd=_detector(file.qd),
         psd1=_detector(file.psd1),
         psd2=_detector(file.psd2),
         psd1_focal_length_mm=file.head.psd1_focal_length_mm,
         psd2_focal_length_mm=file.head.psd2_focal_length_mm,
-        dead_path_mm=file.lever.dead_path_mm,
-        lever_scale=file.lever.scale,
-        crosstalk=Crosstalk(**msgspec.structs.asdict(file.crosstalk)),
+        dead_path_mm=lever.dead_path_mm,
+        lever_scale=lever.scale,
+        light=None if file.light is None else Light(sums=file.light.sums, within=file.light.within),
+        crosstalk=Crosstalk(**{name: value for name, value in msgspec.structs.asdict(file.crosstalk).items() if value is not None}),
     )
 
 
 def _detector(table: DetectorTable) -> Detector:
     ceiling = math.inf if table.sum_max is None else table.sum_max
-    return Detector(x=_axis(table.x), y=_axis(table.y), sum_min=table.sum_min, sum_max=ceiling, rotation_mrad=table.rotation_mrad)
+    return Detector(
+        x=_axis(table.x or AxisTable()),
+        y=_axis(table.y or AxisTable()),
+        sum_min=table.sum_min,
+        sum_max=ceiling,
+        rotation_mrad=table.rotation_mrad or 0.0,
+        dark=table.dark or (0.0, 0.0, 0.0),
+    )
 
 
 def _axis(table: AxisTable) -> DetectorAxis:

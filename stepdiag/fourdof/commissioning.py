@@ -14,7 +14,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.base.volume import Vector
-from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, LeverTable
+from stepdiag.daq.survey.head_file import CURVES, AxisName, AxisTable, DetectorName, HeadFile, LeverTable, require_measured
 from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.fourdof.record import HeadRecord, require_angles
 from stepdiag.solver.fourdof.commissioning import (
@@ -28,7 +28,7 @@ from stepdiag.solver.fourdof.commissioning import (
 )
 from stepdiag.solver.fourdof.detector import CurveKind, spots
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
-from stepdiag.solver.fourdof.statistics import Comparison, Stability, compare, stability
+from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability, abbe_arm, compare, stability
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
 QD_TO_TARGET = 2.0
@@ -39,6 +39,7 @@ Unit = Literal["um", "arcsec"]
 def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interval_s: float) -> dict[str, Stability]:
     """Return the stability of ``straightness x``, ``.. y`` in um and ``angle x``, ``.. y`` in arc-seconds over means of ``interval_s``."""
     require_angles(record, "stability")
+    require_measured(file, "stability")
     means = record.averaged(interval_s)
     found = motion(means.channels, distance_mm, calibrated(file), time_s=means.time_s)
     if not found.usable.all():
@@ -56,9 +57,10 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signed:
-    """The result of the wobble for both lateral axes, and the calibration with the signs and the lever put in."""
+    """The result of the wobble for both lateral axes, the lever of both, and the calibration with the signs and the lever put in."""
 
     axes: dict[AxisName, SignsAndLever]
+    lever: LeverTable
     file: HeadFile
     findings: tuple[Finding, ...]
 
@@ -67,8 +69,9 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
     """Return signs and lever from wobbled standstills, each with its distance in mm.
 
     The signs of PSD1 and PSD2 in the file are changed where they are wrong; the QD's sign must be right already. The lever is the weighted
-    mean of both lateral axes. Raises DataError where the wobble is too small to tell.
+    mean of both lateral axes. Raises DataError where the wobble is too small to tell, a gain is wrong, or a curve was never measured.
     """
+    require_measured(file, "signs", CURVES)
     for distance, record in standstills:
         require_angles(record, f"signs at {distance:g} mm")
     axes: dict[AxisName, SignsAndLever] = {axis: _signs_along(standstills, file, column) for column, axis in enumerate(LATERAL)}
@@ -76,15 +79,10 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
     for axis, found in axes.items():
         detectors: tuple[tuple[DetectorName, int], ...] = (("psd1", found.psd1_sign), ("psd2", found.psd2_sign))
         for detector, factor in detectors:
-            table: AxisTable = getattr(signed.detector(detector), axis)
+            table = signed.curve(f"{detector}.{axis}") or AxisTable()
             signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
     lever, findings = _common_lever(list(axes.values()))
-    remarks = tuple(
-        finding(one.severity, message("in-run", run=axis, what=one.words), code=one.code)
-        for axis, found in axes.items()
-        for one in found.findings
-    )
-    return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
+    return Signed(axes=axes, lever=lever, file=msgspec.structs.replace(signed, lever=lever), findings=tuple(findings))
 
 
 def _signs_along(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile, column: int) -> SignsAndLever:
@@ -194,7 +192,7 @@ def _shift_um(reference: Vector, detector: DetectorName, file: HeadFile) -> Vect
 def with_curve(file: HeadFile, detector: DetectorName, axis: AxisName, found: Calibrated) -> HeadFile:
     """Return the calibration with the curve put in; the axis keeps its sign."""
     curve = found.fit.curve
-    table: AxisTable = getattr(file.detector(detector), axis)
+    table = file.curve(f"{detector}.{axis}") or AxisTable()
     fresh = AxisTable(
         sign=table.sign, kind=curve.kind, coefficients_um=curve.coefficients_um, low=curve.low, high=curve.high, u_um=curve.u_um
     )
@@ -231,5 +229,23 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
     """
     common = [name for name in measured if name in reference]
     if not common:
-        raise DataError("compare", expected="a function in both: " + ", ".join(measured), found="only " + ", ".join(reference))
+        raise DataError(
+            "compare", expected=message("function-in-both", names=list(measured)), found=message("only-these", names=list(reference))
+        )
     return {name: compare(*measured[name], *reference[name], line="least-squares" if name in DISPLACEMENTS else None) for name in common}
+
+
+def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
+    """Return by axis (X, Y, Z) where the two heads stood from each other, as far as the measured rotations show it (Feng 2008, 3.3)."""
+    arms = {}
+    for axis in "XYZ":
+        straight = {name: one for name, one in found.items() if name in DISPLACEMENTS and name[2] == axis}
+        turning = {name: curve for name, curve in measured.items() if name in ROTATIONS and name[2] == axis}
+        places = [one.position_mm for one in straight.values()]
+        if not straight or not turning or any(not np.array_equal(places[0], each) for each in places):
+            continue
+        at = {name: URAD_PER_ARCSEC * np.interp(places[0], *curve) for name, curve in turning.items()}
+        arm = abbe_arm(places[0], {name: one.residual for name, one in straight.items()}, at)
+        if arm is not None:
+            arms[axis] = arm
+    return arms

@@ -14,7 +14,6 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.daq.links.ports.device import SerialSettings
-from stepdiag.daq.links.ports.serial import instrument_line
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import head_decoder, parse_survey
@@ -133,6 +132,8 @@ def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callab
 
 
 async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batch: Callable[[Samples], None] | None) -> None:
+    from stepdiag.daq.links.ports.serial import instrument_line  # a line of this computer, which needs Linux; its files do not
+
     section = survey.head
     if section is None:
         return
@@ -158,5 +159,12 @@ async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batc
 
 def require_angles(record: HeadRecord, source: str) -> None:
     """Raise DataError for a head that has a QD only, where pitch, yaw or drift are asked for."""
-    if record.channels.shape[1] != CHANNELS:
-        raise DataError(source, expected=message("nine-channels-qd-psd1"), found=message("qd-alone", shape=record.channels.shape[1]))
+    require_channels(record.channels, source)
+
+
+def require_channels(channels: Vector | None, source: str) -> Vector:
+    """Return the nine channels of a head, shape (N, 9). Raises DataError for one that has a QD only."""
+    count = 0 if channels is None else int(channels.shape[1])
+    if channels is None or count != CHANNELS:
+        raise DataError(source, expected=message("nine-channels-qd-psd1"), found=message("qd-alone", shape=str(count)))
+    return channels

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import Literal, cast
 
 import numpy as np
@@ -13,14 +14,15 @@ from stepdiag.base.names import AXES
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
+from stepdiag.daq.survey.head_file import HeadFile, LeverTable, parse_head_file, require_measured, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
-from stepdiag.fourdof.angular import turns_of
+from stepdiag.fourdof.angular import Turns, turns_of
 from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.solver.fourdof.axes import Mount, axis_errors
 from stepdiag.solver.fourdof.detector import Detector
 from stepdiag.solver.fourdof.head import Head, Motion, motion
+from stepdiag.solver.fourdof.variation import spread
 from stepdiag.solver.model.angles import Angles, KnownAngle
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import residuals_um
@@ -32,15 +34,23 @@ SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
 that is 1 / sqrt(6) in the rms over the pass."""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 """The channels of each detector."""
+APART = 3.29
+"""Two passes whose rms difference is so many times its u differ by more than chance (99.9 %), even where their errors are one error."""
+WAVELENGTH_NM = 650.0
+"""Of the head's laser, red: it only sizes how far the growth of the spot may be bent."""
 LEAST_STOPS = 3
 """Two stops make a straight line of any guideway."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadMeasured:
-    """What the head's passes say: one entry a pass and lateral direction, and the angular functions over all passes of an axis."""
+    """What the head's passes say: one entry a pass and lateral direction, and the angular functions over all passes of an axis.
+
+    ``shared_um`` belongs to the entries of ``straightness``: the part of their uncertainty that all passes share, the calibration's.
+    """
 
     straightness: tuple[MeasuredStraightness, ...] = ()
+    shared_um: tuple[Vector, ...] = ()
     angles: Mapping[str, KnownAngle]
     findings: tuple[Finding, ...] = ()
 
@@ -48,8 +58,8 @@ class HeadMeasured:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PassSeen:
     straightness: tuple[MeasuredStraightness, ...]
-    turns: dict[str, tuple[Vector, Vector, Vector]]
-    """Position, value and standard uncertainty of every rotation, relative to the first position."""
+    shared_um: tuple[Vector, ...] = ()
+    turns: Turns
     findings: tuple[Finding, ...]
 
 
@@ -70,8 +80,9 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
     angles, incomplete = _whole(_over_passes([each.turns for each in seen]), survey)
     return HeadMeasured(
         straightness=tuple(one for each in seen for one in each.straightness),
+        shared_um=tuple(one for each in seen for one in each.shared_um),
         angles=angles,
-        findings=(*(finding for each in seen for finding in each.findings), *incomplete),
+        findings=(*(finding for each in seen for finding in each.findings), *incomplete, *_apart(driven, seen)),
     )
 
 
@@ -95,6 +106,7 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
         raise DataError(section.calibration or "head.calibration", expected=message("head-s-calibration-file"), found=message("nothing"))
     file = parse_head_file(data, section.calibration)
     require_owner(file, section, section.calibration)
+    require_measured(file, section.calibration)
     return file
 
 
@@ -108,7 +120,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     channels, u_channels = _channels(stops, name)
     distance = _distance_mm(section, run, stops, position, name)
     qd_only = len(stops[0].channels) == QD_ONLY
-    head = replace(calibrated(file), psd1=Detector(), psd2=Detector()) if qd_only else calibrated(file)
+    head = replace(calibrated(file), psd1=Detector(), psd2=Detector(), light=None) if qd_only else calibrated(file)
     found = motion(
         channels,
         distance,
@@ -123,14 +135,15 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
         dark = finding("error", message("fourdof-beam-blocked.dark", run=place, count=count, stops=len(stops)))
         return _PassSeen(straightness=(), turns={}, findings=(*findings, dark))
     shift_um = survey.uncertainty.source_shift_um
-    seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file, shift_um))
+    own = _noise(found, channels, u_channels, distance, head, shift_um)
+    seen = _named(each, run, position, found, own, _calibration_noise(found, channels, distance, head, file))
     if not qd_only:
         return replace(seen, findings=findings)
     return replace(seen, turns={}, findings=(*findings, finding("warning", message("fourdof-uncompensated.qd", run=place))))
 
 
-def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise") -> _PassSeen:
-    """Return the usable part of a pass by ISO 230-1 names, positions ascending."""
+def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise") -> _PassSeen:
+    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is a pass's own, ``shared`` that of all passes."""
     mount = Mount(
         axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
         beam=run.beam,
@@ -145,16 +158,22 @@ def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise
             name=name,
             position_mm=errors.position_mm,
             value_um=value,
-            u_um=u.straightness_um[kept, column],
+            u_um=np.hypot(u.straightness_um, shared.straightness_um)[kept, column],
             approach=1 if each.route.outward else -1,
         )
         for column, (name, value) in enumerate(errors.straightness_um.items())
     )
     turns = {
-        name: (errors.position_mm, value, np.hypot(u.angle_urad[kept, column], u.angle_urad[kept[0], column]))
+        name: (
+            errors.position_mm,
+            value,
+            np.hypot(u.angle_urad[kept, column], u.angle_urad[kept[0], column]),
+            shared.angle_urad[kept, column],
+        )
         for column, (name, value) in enumerate(errors.rotation_urad.items())
     }
-    return _PassSeen(straightness=straightness, turns=turns, findings=())
+    shared_um = tuple(shared.straightness_um[kept, column] for column in range(len(straightness)))
+    return _PassSeen(straightness=straightness, shared_um=shared_um, turns=turns, findings=())
 
 
 def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
@@ -205,19 +224,52 @@ class _Noise:
     drift_urad: Vector
 
 
-def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, file: HeadFile, shift_um: float) -> _Noise:
-    """Return calibration, lever, drift, scatter of the stop's mean and the beam's parallel shift together."""
-    lever_um = file.lever.u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, shift_um: float) -> _Noise:
+    """Return drift, scatter of the stop's mean and the beam's parallel shift together: what another pass draws anew."""
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the drift's own uncertainty holds the scatter of the detector that saw it
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
     return _Noise(
-        straightness_um=np.sqrt(
-            found.u_straightness_um**2 + lever_um**2 + drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2
-        ),
-        angle_urad=np.sqrt(found.u_angle_urad**2 + (found.u_drift_urad / 2) ** 2 + scatter.angle_urad**2),
+        straightness_um=np.sqrt(drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2),
+        angle_urad=np.hypot(found.u_drift_urad / 2, scatter.angle_urad),
         drift_urad=found.u_drift_urad,
     )
+
+
+def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile) -> _Noise:
+    """Return what is uncertain about the calibration, alike in all passes: straightness free of its end-point line, angle from its first.
+
+    A file without the covariance of a commissioning states the curves' and the lever's uncertainty alone.
+    """
+    if not file.uncertainty.of:
+        lever_mm = (file.lever or LeverTable()).u_at(distance)[:, None]
+        lever_um = lever_mm * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+        return _Noise(np.hypot(found.u_straightness_um, lever_um), np.sqrt(2.0) * found.u_angle_urad, np.zeros_like(found.drift_urad))
+    lit = np.flatnonzero(found.usable)
+    first, last = lit[np.argmin(distance[lit])], lit[np.argmax(distance[lit])]
+    share = ((distance - distance[first]) / ((distance[last] - distance[first]) or 1.0))[:, None]
+
+    def of(other: Head) -> Vector:
+        seen = motion(channels, distance, other)
+        straight, angle = seen.straightness_um, seen.angle_urad
+        return np.hstack([straight - (1.0 - share) * straight[first] - share * straight[last], angle - angle[first]])
+
+    u = spread(of, head, file.uncertainty.of, file.uncertainty.covariance())
+    own_um = np.hypot(_bent_growth_um(found, distance, head, share), found.u_straightness_um)
+    straight_um, angle_urad = np.hypot(u[:, :2], own_um), np.hypot(u[:, 2:], np.sqrt(2.0) * found.u_angle_urad)
+    return _Noise(straight_um, angle_urad, np.zeros_like(found.drift_urad))
+
+
+def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
+    """Return what the QD's gain may leave its straight growth between the two ends by, in um of straightness, shape (N, 2).
+
+    A beam that is parallel at the source grows with the square of its path: by so much of itself it leaves the chord in the middle.
+    """
+    radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
+    rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
+    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0
+    bent_um: Vector = 4.0 * share * (1.0 - share) * most * np.abs(found.raw_straightness_um)
+    return bent_um
 
 
 def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:
@@ -237,33 +289,34 @@ def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: He
     return _Noise(*map(np.sqrt, total))
 
 
-def _over_passes(seen: Sequence[dict[str, tuple[Vector, Vector, Vector]]]) -> dict[str, KnownAngle]:
-    """Return the mean of every rotation over its passes at the positions that all of them have.
-
-    Its uncertainty is the larger of what each pass states and what their difference shows; reversal is in that difference.
-    """
+def _over_passes(seen: Sequence[Turns]) -> dict[str, KnownAngle]:
+    """Return the mean of every rotation over its passes at the positions that all of them have (`_mean`)."""
     names = sorted({name for turns in seen for name in turns}, key=lambda name: (name[2], name[1]))
     return {name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names}
 
 
-def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector]]) -> KnownAngle:
+def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> KnownAngle:
     position, value, u = _mean(passes)
     return KnownAngle(position_mm=position, value_urad=value, u_urad=u)
 
 
-def _mean(passes: Sequence[tuple[Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
-    """Return positions that all passes have, the mean there from the first on, and its uncertainty."""
+def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
+    """Return positions that all passes have, the mean there from the first on, and its uncertainty.
+
+    What the passes draw anew counts less the more there are, but no less than their differences show, and reversal is in those; what they
+    share counts as it is.
+    """
     common = passes[0][0]
-    for position, _, _ in passes[1:]:
+    for position, *_ in passes[1:]:
         common = np.intersect1d(common, position)
-    values = np.array([value[np.isin(position, common)] for position, value, _ in passes])
+    values = np.array([value[np.isin(position, common)] for position, value, *_ in passes])
     values = values - values[:, :1]
-    stated = np.array([u[np.isin(position, common)] for position, _, u in passes])
-    u = np.sqrt(np.mean(stated**2, axis=0))
+    own, shared = (np.array([one[which][np.isin(one[0], common)] for one in passes]) for which in (2, 3))
+    u = np.sqrt(np.mean(own**2, axis=0) / len(passes))
     if len(passes) > 1:
         spread = float(np.sqrt(np.mean(np.var(values[:, 1:], axis=0, ddof=1)) / len(passes)))
         u = np.maximum(u, spread)
-    return common, values.mean(axis=0), u
+    return common, values.mean(axis=0), np.hypot(u, np.sqrt(np.mean(shared**2, axis=0)))
 
 
 def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
@@ -279,22 +332,64 @@ def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tu
 def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
     """Return every straightness function as the mean of its passes without their end-point lines, at the positions that all of them have.
 
-    Its uncertainty is the larger of what each pass states and what their difference shows, as with the angles.
+    Its uncertainty is that of the mean (`_mean`), and what the two ends of the line make of every value between them is in it.
     """
     names = dict.fromkeys(one.name for one in measured.straightness)
-    return tuple(_mean_straightness([one for one in measured.straightness if one.name == name]) for name in names)
+    both = list(zip(measured.straightness, measured.shared_um, strict=True))
+    return tuple(_mean_straightness([(one, shared) for one, shared in both if one.name == name]) for name in names)
 
 
-def _mean_straightness(passes: Sequence[MeasuredStraightness]) -> MeasuredStraightness:
-    position, value, u = _mean([(one.position_mm, residuals_um(one.position_mm, one.value_um), one.u_um) for one in passes])
-    ways = {one.approach for one in passes}
+def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
+    """Return a finding for each function of which two passes in one direction differ by more than chance, the pair farthest apart."""
+    worst: dict[str, tuple[float, Finding]] = {}
+    for (before, one), (after, other) in combinations(zip(driven, seen, strict=True), 2):
+        for mine, theirs in product(_own_lines(one), _own_lines(other)):
+            if (mine[0].name, mine[0].approach) != (theirs[0].name, theirs[0].approach):
+                continue
+            at = np.intersect1d(mine[0].position_mm, theirs[0].position_mm)[1:-1]
+            apart, variance = np.zeros_like(at), np.zeros_like(at)
+            for sign, (straight, value, u) in ((1.0, mine), (-1.0, theirs)):
+                there = np.isin(straight.position_mm, at)
+                apart, variance = apart + sign * value[there], variance + u[there] ** 2
+            times = float(np.sqrt(np.mean(apart**2) / np.mean(variance))) if len(at) else 0.0
+            name = mine[0].name
+            if times > APART and times > worst.get(name, (0.0, None))[0]:
+                figures = {"apart_um": float(np.max(np.abs(apart))), "expanded_um": 2.0 * float(np.sqrt(np.mean(variance)))}
+                words = message("straightness-misclosure.passes", name=name, first=before.number, second=after.number, **figures)
+                worst[name] = times, finding("warning", words)
+    return [found for _, found in worst.values()]
+
+
+def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
+    """Return the functions of a pass free of their end-point lines, and what a pass draws anew of their uncertainty."""
+    return [
+        (one, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))))
+        for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
+    ]
+
+
+def _mean_straightness(passes: Sequence[tuple[MeasuredStraightness, Vector]]) -> MeasuredStraightness:
+    lines = []
+    for one, shared in passes:
+        own = np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))
+        lines.append((one.position_mm, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own), shared))
+    position, value, u = _mean(lines)
+    ways = {one.approach for one, _ in passes}
     return MeasuredStraightness(
-        name=passes[0].name,
+        name=passes[0][0].name,
         position_mm=position,
         value_um=residuals_um(position, value),
         u_um=u,
         approach=ways.pop() if len(ways) == 1 else 0,
     )
+
+
+def with_ends(position_mm: Vector, u_um: Vector) -> Vector:
+    """Return the uncertainty of values free of the line through the first and the last, shape (N,); that of the two ends stays as it is."""
+    share = (position_mm - position_mm[0]) / ((position_mm[-1] - position_mm[0]) or 1.0)
+    between = np.sqrt(u_um**2 + ((1.0 - share) * u_um[0]) ** 2 + (share * u_um[-1]) ** 2)
+    ends = (share == 0.0) | (share == 1.0)
+    return np.where(ends, u_um, between)
 
 
 def mean_straightness(measured: HeadMeasured) -> dict[str, tuple[Vector, Vector]]:

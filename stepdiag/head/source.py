@@ -85,12 +85,13 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
     import numpy as np
 
     from stepdiag.fourdof.commissioning import StageRun
+    from stepdiag.texts.texts import UNITS
 
     first = 3 * ("qd", "psd1", "psd2").index(detector)
     rows = []
     unit = "um" if detector == "qd" else "arcsec"
     while True:
-        typed = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
+        typed = typer.prompt(f"{detector}.{axis}: reference in {UNITS[unit]}, empty when done", default="", show_default=False)
         if not typed.strip():
             break
         try:

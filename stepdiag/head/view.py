@@ -12,14 +12,16 @@ from rich.table import Table
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.daq.timing.samples import Flag, Samples
+from stepdiag.fourdof.commission import HeadCommissioned
 from stepdiag.fourdof.commissioning import Calibrated, Signed
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
-from stepdiag.solver.fourdof.statistics import Comparison, Stability
+from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
+from stepdiag.texts.texts import UNITS
 
 DETECTORS = ("QD", "PSD1", "PSD2")
 BAR = 6
@@ -88,22 +90,34 @@ def signs_lines(found: Signed) -> Iterator[str]:
         yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
         levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
         yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
-    lever = found.file.lever
+    lever = found.lever
     u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
     yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
     yield from finding_lines(found.findings)
 
 
+def commission_table(done: HeadCommissioned) -> None:
+    """Print one row a field that the commissioning found: its value and its U (k = 2)."""
+    table = Table(title="commissioned")
+    for heading in ("field", "value", "U"):
+        table.add_column(heading, justify="left" if heading == "field" else "right")
+    for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
+        table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
+    Console().print(table)
+    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} µm (k = 2)")
+
+
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
     """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the published head's."""
     table = Table(title="calibration")
-    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / um", "within 1.5"):
+    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / µm", "within 1.5"):
         table.add_column(heading, justify="right")
     for name, each in fits.items():
         low, high = each.limits
         reach = f"{each.run.reference.min():g} .. {each.run.reference.max():g}"
         inside = max(-low, high) <= (PAPER_UM if each.run.unit == "um" else PAPER_ARCSEC)
-        table.add_row(name, reach, f"{low:+.2f}", f"{high:+.2f}", each.run.unit, f"{each.fit.curve.u_um:.2f}", "yes" if inside else "NO")
+        figures = (f"{low:+.2f}", f"{high:+.2f}", UNITS[each.run.unit], f"{each.fit.curve.u_um:.2f}")
+        table.add_row(name, reach, *figures, "yes" if inside else "NO")
     Console().print(table)
 
 
@@ -113,7 +127,7 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
     for name, each in fits.items():
         order = np.argsort(each.run.reference)
         series = Series(label=name, x=each.run.reference[order], y=each.residual[order])
-        label, unit = f"{name}: residual of the fitted curve", "µm" if each.run.unit == "um" else "arc-seconds"
+        label, unit = f"{name}: residual of the fitted curve", UNITS[each.run.unit]
         drawn.append(line_chart([series], label=label, x_label=f"{name}: reference / {unit}", y_label=f"residual / {unit}"))
     return drawn
 
@@ -152,10 +166,10 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
         table.add_column(heading, justify="left" if heading in ("function", "unit") else "right")
     for one in straight:
         lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
-        table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "um")
+        table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "µm")
     for name, known in angles.items():
         spread = f"{float(np.ptp(known.value_urad)):.2f}"
-        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "urad")
+        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "µrad")
     Console().print(table)
 
 
@@ -168,6 +182,15 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
         figures = (f"{each.lowest:+.2f}", f"{each.highest:+.2f}", f"{each.rms:.2f}")
         table.add_row(name, str(len(each.position_mm)), *figures, _unit(name))
     Console().print(table)
+
+
+def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
+    """Yield for every axis where one head stood from the other (U, k = 2), and the rms that this leaves of the functions."""
+    for axis, arm in arms.items():
+        shown = zip("xyz", arm.mm, arm.u_mm, strict=True)
+        places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in shown if np.isfinite(mm))
+        left = ", ".join(f"{name} {arm.rms_um(name):.2f} µm" for name in arm.residual_um)
+        yield f"{axis}: the head stood from the reference at {places}; with this arm the rms is {left}"
 
 
 def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
@@ -184,4 +207,4 @@ def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
 
 
 def _unit(name: str) -> str:
-    return "um" if name in DISPLACEMENTS or name.startswith("straightness") else "arcsec"
+    return "µm" if name in DISPLACEMENTS or name.startswith("straightness") else "arcsec"

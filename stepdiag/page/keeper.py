@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import structlog
 
-from stepdiag.base.errors import DeviceError, UsageError
-from stepdiag.base.messages import Words
+from stepdiag.base.errors import DeviceError, UsageError, system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import StatusSource
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.daq.survey.models import Metrics, Page
@@ -107,8 +107,8 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
     except OSError as why:
         listener.close()
         raise DeviceError(
-            f"{section}.host, {section}.port", expected=f"a free address {host}:{port}", found=str(why),
-            remedy="choose another port, or end the program that holds it",
+            f"{section}.host, {section}.port", expected=message("free-address", address=f"{host}:{port}"), found=system_words(why),
+            remedy=message("choose-other-port"),
         ) from why  # fmt: skip
     return listener
 

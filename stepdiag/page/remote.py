@@ -146,5 +146,8 @@ class RemoteDaemon:
 
 def _silent() -> DeviceError:
     return DeviceError(
-        message("where-recorder"), expected=message("answer-within", seconds_s=ANSWER_S), found=message("none"), remedy=message("try-again")
+        message("where-recorder"),
+        expected=message("expects-answer", seconds_s=ANSWER_S),
+        found=message("none"),
+        remedy=message("try-again"),
     )

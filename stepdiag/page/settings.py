@@ -86,7 +86,7 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
         ) from error
     if mode & 0o077:
         raise UsageError(
-            f"{survey_file.name}: {field}", expected=f"a file that nobody but its owner may read: chmod 600 {named}", found=f"mode {mode:o}"
+            f"{survey_file.name}: {field}", expected=message("owner-only-file", name=named), found=message("file-mode", mode=f"{mode:o}")
         )
     return path
 
@@ -99,7 +99,7 @@ def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
     text = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).removesuffix("\n")
     if not text or not text.isprintable():
         raise UsageError(
-            f"{survey_file.name}: {field}", expected=f"one line of printable characters in {path.name}", found="something else"
+            f"{survey_file.name}: {field}", expected=message("one-printable-line", name=path.name), found=message("something-else")
         )
     return text
 
@@ -108,7 +108,7 @@ def _token_in(path: Path) -> str:
     token = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).strip()
     if len(token) < SHORTEST_TOKEN or not token.isprintable():
         raise UsageError(
-            path.name, expected=f"a token of {SHORTEST_TOKEN} printable characters or more", found=f"{len(token)} characters",
+            path.name, expected=message("token-of-characters", count=SHORTEST_TOKEN), found=str(len(token)),
             remedy=f"head -c 18 /dev/urandom | base64 > {path.name}",
         )  # fmt: skip
     return token
@@ -118,6 +118,4 @@ def _refuse_no_certificate(certificate: Path, key: Path, source: str) -> None:
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
-        raise UsageError(
-            f"{source}: page.certificate, page.key", expected="a certificate and its key, in PEM, without a password", found=str(error)
-        ) from error
+        raise UsageError(f"{source}: page.certificate, page.key", expected=message("certificate-and-key"), found=str(error)) from error

@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Literal
 
 from stepdiag.base.compensation import stated_in
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
 from stepdiag.base.settings import read_toml
-from stepdiag.conclusion import Conclusion, Reach, interval_of, judged_in, probability_words, quantity_words, verdict_words
-from stepdiag.report.drawings.figures import UNITS
+from stepdiag.conclusion import Conclusion, Reach, even_of, interval_of, judged_in, probability_words, quantity_words, verdict_words
 from stepdiag.report.laboratory import Equipment, Laboratory, Person
-from stepdiag.report.sections import Table, shown
+from stepdiag.report.sections import Table, even, shown
 from stepdiag.texts import Language
+from stepdiag.texts.texts import UNITS
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
@@ -123,14 +124,16 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
     """
     conformity, tolerance = judged_in(result, reach), result.tolerance or {}
     now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
+    then = {one.quantity: one for one in (() if conformity is None else conformity.predicted)}
     later = {one.quantity: one for one in (() if left is None else left.judged)}
     none, waiting = shown(None), words["not_yet"] if left is None else shown(None)
     rows: list[tuple[str, ...]] = []
 
     def row(name: str, quantity: str, cells: tuple[str, str, str]) -> None:
-        judged = [_verdict(one, language) for one in (now.get(quantity), later.get(quantity)) if one is not None]
+        states = (("as_found", now), ("predicted", then), ("as_left", later))
+        judged = [f"{words[state]}: {_verdict(of[quantity], language)}" for state, of in states if quantity in of]
         limit = f"{now[quantity].tolerance:g}" if quantity in now else none
-        rows.append((name, *cells, *((limit, " / ".join(judged) or none) if tolerance else ())))
+        rows.append((name, *cells, *((limit, "; ".join(judged) or none) if tolerance else ())))
 
     if reach is not None:
         figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
@@ -139,11 +142,12 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
         row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words, waiting))
     for name, number in result.squareness.items() if rows or tolerance else ():
         after = waiting if left is None or name not in left.squareness else with_u(left.squareness[name])
-        row(f"{name} / µrad", name, (with_u(number), none, after))
+        row(f"{name} / µrad", name, (with_u(number), _between(then[name]) if name in then else none, after))
     for quantity, one in now.items():
         if quantity not in result.squareness and not quantity.startswith("volumetric"):
             after = waiting if quantity not in later else _between(later[quantity])
-            row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), none, after))
+            before = _between(then[quantity]) if quantity in then else none
+            row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), before, after))
     header = (words["name"], words["as_found"], words["predicted"], words["as_left"])
     return Table(header=(*header, *((words["tolerance"], words["verdict"]) if tolerance else ())), rows=rows) if rows else None
 
@@ -159,13 +163,15 @@ def _verdict(one: Judged, language: Language) -> str:
 
 
 def _between(one: Judged) -> str:
+    if even_words := even_of(one):
+        return even_words
     low, high = interval_of(one)
     return f"{low} … {high}" if low else shown(None)
 
 
 def with_u(number: Quantity) -> str:
     """Return a number with its expanded uncertainty."""
-    return shown(number.value, 2) if number.u is None or number.value is None else f"{shown(number.value, 2)} ± {shown(2 * number.u, 2)}"
+    return even(number.value, None if number.u is None else COVERAGE * number.u)
 
 
 def interval_words(found: Interval | None) -> str:

@@ -101,14 +101,14 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         **page_parts(number), number=number, digest=digest,
         **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        concluded=_said_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
+        concluded=_each_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
         predicted=correction is not None, chi=sections.chi_square_words(result, words),
         letterhead=letterhead or Letterhead(), left=left,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 
 
-def _said_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
+def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
     """Return the conclusion without the verdicts about single figures, which stand in the table above it."""
     firsts = tuple(catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES)
     return {**concluded, "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)]}

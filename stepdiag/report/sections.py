@@ -6,20 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.findings import in_words
 from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.basis import basis_of
-from stepdiag.base.result.interval import decimals_of
+from stepdiag.base.result.interval import decimals_of, decimals_of_u, with_expanded
 from stepdiag.base.result.members import Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
-from stepdiag.report.drawings.figures import UNITS
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
-from stepdiag.texts.texts import Language
+from stepdiag.texts.texts import UNITS, Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
@@ -126,24 +125,20 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
     return found
 
 
-_UNITS = {"um": "µm", "urad": "µrad", "mrad": "mrad", "mm": "mm", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s", "nm": "nm"}
-
-
 def _readable(name: str, words: Mapping[str, str]) -> str:
     """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
     if heading := words.get(f"fact_{name.replace(' ', '_')}"):
         return heading
     head, _, unit = name.rpartition("_")
-    return f"{head.replace('_', ' ')} / {_UNITS[unit]}" if head and unit in _UNITS else name.replace("_", " ")
+    return f"{head.replace('_', ' ')} / {UNITS[unit]}" if head and unit in UNITS else name.replace("_", " ")
 
 
 def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return the three squarenesses with their expanded uncertainty."""
     rows = []
     for name, quantity in result.squareness.items():
-        missing = words["not_identified"] if quantity.value is None else ""
-        u = None if quantity.u is None else COVERAGE * quantity.u
-        rows.append((name, words[f"squareness_{name}"], missing or shown(quantity.value, 2), shown(u, 2), "µrad"))
+        value, u = _value_and_u(quantity.value, quantity.u)
+        rows.append((name, words[f"squareness_{name}"], words["not_identified"] if quantity.value is None else value, u, "µrad"))
     return Table(header=(words["name"], words["between"], words["value"], words["expanded"], words["unit"]), rows=rows)
 
 
@@ -151,10 +146,21 @@ def scale_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return the three scales with their expanded uncertainty."""
     rows = []
     for name, scale in result.scale.items():
-        u = None if scale.u is None else COVERAGE * scale.u
-        value = shown(scale.value, 2) if scale.identified else words["not_identified"]
-        rows.append((name, value, shown(u, 2), "µm/m"))
+        value, u = _value_and_u(scale.value, scale.u)
+        rows.append((name, value if scale.identified else words["not_identified"], u, "µm/m"))
     return Table(header=(words["axis"], words["value"], words["expanded"], words["unit"]), rows=rows)
+
+
+def _value_and_u(value: float | None, u: float | None) -> tuple[str, str]:
+    """Return the cells of a value and of its U (k = 2)."""
+    expanded = None if u is None else COVERAGE * u
+    decimals = 2 if expanded is None else decimals_of_u(expanded)
+    return shown(value, decimals), shown(expanded, decimals)
+
+
+def even(value: float | None, expanded: float | None) -> str:
+    """Return a value with its U (k = 2) as a cell, the value alone where no U is stated."""
+    return shown(value, 2) if value is None or expanded is None else with_expanded(value, expanded).replace("-", "−")
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
@@ -163,7 +169,7 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     if found.tables is None or not found.other:
         return None
     both = {found.tables: found.scales, found.beside: found.other}
-    cells = {name: {axis: f"{shown(value, 2)} ± {shown(u, 2)}" for axis, value, u in scales} for name, scales in both.items()}
+    cells = {name: {axis: even(value, u) for axis, value, u in scales} for name, scales in both.items()}
     names: tuple[Lengths, ...] = ("as_measured", "at_20_c")
     header = (words["axis"], *(words[f"lengths_{name}"] + (f" ({words['in_tables']})" if name == found.tables else "") for name in names))
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
@@ -236,8 +242,7 @@ def _figure(facts: StandardFigures, name: str) -> float | None:
 
 def _with_u(facts: StandardFigures, name: str) -> str:
     u = facts.U or {}
-    expanded = u.get(name, u.get(f"{name}_d"))
-    return shown(_figure(facts, name), 2) + ("" if expanded is None else f" ± {shown(expanded, 2)}")
+    return even(_figure(facts, name), u.get(name, u.get(f"{name}_d")))
 
 
 HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um", "misclosure")
@@ -319,7 +324,8 @@ def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, s
         named = [f"{source_words(source, words)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
         title = quantity_words(quantity, words)
-        rows.append((title, f"{shown(COVERAGE * total**0.5, 2)} {UNITS.get(unit, unit)}", *named, *[""] * (3 - len(named))))
+        expanded = COVERAGE * total**0.5
+        rows.append((title, f"{shown(expanded, decimals_of_u(expanded))} {UNITS.get(unit, unit)}", *named, *[""] * (3 - len(named))))
     return Table(header=(words["name"], words["expanded"], *(f"{place}." for place in (1, 2, 3))), rows=rows[:MOST_ROWS]) if rows else None
 
 

@@ -7,15 +7,17 @@ from contextlib import contextmanager, suppress
 
 from stepdiag.base.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError, system_words
 from stepdiag.base.messages import Words, message
-from stepdiag.terminal.printable import printable
+from stepdiag.terminal.printable import micro_shown, printable
+from stepdiag.terminal.viewer import shown
 
 EXIT_CODES: dict[type[StepdiagError], int] = {UsageError: 2, DataError: 3, DeviceError: 4, SafetyError: 5}
 INTERRUPTED = 130
 
 
 @contextmanager
-def refusals_shown(written: Callable[[Words], str] = str) -> Iterator[None]:
+def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
     """Write a refusal to standard error, as ``written``, and leave with the exit code of its cause."""
+    micro_shown()
     try:
         yield
     except StepdiagError as error:

@@ -1,14 +1,16 @@
 """Forecasts of the planner as tables that a person reads in a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from math import isfinite
 
 from rich.table import Table
 
+from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
-from stepdiag.solver.planning.planner import Addition, Forecast
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
+from stepdiag.solver.planning.planner import Advice, Forecast
 
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 
@@ -18,8 +20,8 @@ def in_words(forecast: Forecast) -> str:
     runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
     hours, minutes = divmod(round(forecast.minutes), 60)
     return (
-        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
-        f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
+        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} µm "
+        f"(rms over the volume, k = 2), {forecast.left_um.best()} µm most probably; angular errors {_ANGLES[forecast.angles]}"
         f"{_slips(forecast.ahead)}"
     )
 
@@ -28,7 +30,7 @@ def _slips(ahead: Foresight) -> str:
     """Return how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
     if ahead.unseen is None:
         return ""
-    sure = f", one of {ahead.unseen.nearly_um:.2g} um is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
+    sure = f", one of {ahead.unseen.nearly_um:.2g} µm is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
     return f"; {ahead.hides()}{sure}"
 
 
@@ -37,16 +39,16 @@ def forecast_table(forecast: Forecast) -> Table:
     table = Table(title="forecast: U (k = 2)")
     for column in ("quantity", "X", "Y", "Z", "unit"):
         table.add_column(column, justify="left" if column in {"quantity", "unit"} else "right")
-    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "um"), ("scale", AXIS_LETTERS, "um/m")):
+    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "µm"), ("scale", AXIS_LETTERS, "µm/m")):
         table.add_row(word, *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
         cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
-        table.add_row(f"straightness in {component}", *cells, "um")
+        table.add_row(f"straightness in {component}", *cells, "µm")
     for component, word in zip("ABC", "XYZ", strict=True):
-        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "urad")
+        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "µrad")
     table.add_section()
     for name, pair in zip(SQUARENESS, ("Y to X", "Z to X", "Z to Y"), strict=True):
-        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "urad")
+        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "µrad")
     table.caption = "-: the survey does not identify it" + _resolved(forecast)
     return table
 
@@ -62,13 +64,39 @@ def _resolved(forecast: Forecast) -> str:
     return f"; {len(forecast.resolved)} of {len((*DISPLACEMENTS, *ROTATIONS))} functions could be solved without assuming the angular ones"
 
 
-def additions_table(additions: Sequence[Addition], title: str) -> Table:
-    """Return one row an addition: what, minutes, gain, gain per minute, and what it identifies."""
-    table = Table(title=title)
-    for column in ("add", "min", "gain / um", "per h", "newly identified"):
-        table.add_column(column, justify="left" if column in {"add", "newly identified"} else "right")
-    for each in additions:
-        gain = COVERAGE * each.gain_um
-        newly = ", ".join(f"scale {name}" if name in AXIS_LETTERS else name for name in each.newly_identified)
-        table.add_row(each.text, f"{each.minutes:.0f}", f"{gain:.2f}", f"{COVERAGE * 60 * each.gain_um_per_minute:.2f}", newly)
+def front_table(advice: Advice) -> Table:
+    """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
+    table = Table(title="what is worth its time (µm: left by an ideal compensation, rms over the volume)")
+    for column in ("min", "µm", "lines"):
+        table.add_column(column, justify="left" if column == "lines" else "right")
+    for each in advice.front:
+        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), lines_in_words(each.plan))
+    table.caption = "; ".join((*_floor(advice), *_head(advice)))
     return table
+
+
+def _floor(advice: Advice) -> Iterator[str]:
+    if floor_um := advice.forecast.ahead.of.floor_um:
+        yield f"tables of one axis each leave {floor_um:.2g} um whatever is driven"
+
+
+def _head(advice: Advice) -> Iterator[str]:
+    if (more := advice.with_head) is not None:
+        chosen = advice.best or advice.forecast
+        minutes, left = more.minutes - chosen.minutes, chosen.left_um.best()
+        yield f"a 4-DOF head along each axis: {left} -> {more.left_um.best()} µm, {minutes:.0f} min more"
+
+
+def lines_in_words(plan: Plan) -> str:
+    """Return what a plan drives: its setups with their shifts, and how."""
+    lines = ", ".join(_line(run) for run in plan.runs)
+    orders = next((f" in the orders {' '.join(run.axis_orders)}" for run in plan.runs if run.axis_orders), "")
+    first = plan.runs[0]
+    ways = "out and back" if first.return_pass else "one way"
+    times = f"{first.repeats} times {ways}" if first.repeats > 1 else ways
+    return f"{lines}; {plan.volume.increments} increments, {times}{orders}"
+
+
+def _line(run: Run) -> str:
+    shift = " ".join(f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value)
+    return f"{run.setup} ({shift} mm)" if shift else run.setup

@@ -1,6 +1,53 @@
-"""Texts from foreign files on a terminal."""
+"""What a terminal can show: texts from foreign files, and the micrometre sign."""
+
+import codecs
+import sys
+from collections.abc import Callable
+from io import TextIOWrapper
 
 
 def printable(text: str) -> str:
     """Return a text without what a terminal would obey instead of show; line ends stay."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)
+
+
+class _PlainStream(TextIOWrapper):
+    """A stream of an encoding without the sign µ, under another name: typer writes UTF-8 past a stream whose encoding is ASCII."""
+
+    encoding = "plain, um for micrometre"
+
+
+def micro_shown() -> None:
+    """Let standard output and error write ``um`` for µm where their encoding does not have the sign, such as ASCII or ISO 8859-2.
+
+    ASCII writes any other letter as UTF-8, which loses nothing; another encoding treats it as before.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if not isinstance(stream, TextIOWrapper) or isinstance(stream, _PlainStream) or _has_micro(stream.encoding):
+            continue
+        codecs.register_error(f"micro-{name}", _with_u(stream.errors or "strict"))
+        encoding, buffered = stream.encoding, stream.line_buffering
+        setattr(sys, name, _PlainStream(stream.detach(), encoding, f"micro-{name}", line_buffering=buffered))
+
+
+def _has_micro(encoding: str) -> bool:
+    try:
+        "µ".encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _with_u(errors: str) -> Callable[[UnicodeError], tuple[str | bytes, int]]:
+    otherwise = codecs.lookup_error(errors)
+
+    def handled(error: UnicodeError) -> tuple[str | bytes, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        letters = error.object[error.start : error.end].replace("µ", "u")
+        if codecs.lookup(error.encoding).name == "ascii":
+            return letters.encode(), error.end
+        return (letters, error.end) if letters.isascii() else otherwise(error)
+
+    return handled

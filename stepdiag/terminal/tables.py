@@ -2,19 +2,41 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.messages import Message, message
+from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
+from stepdiag.terminal.viewer import shown
+from stepdiag.texts.texts import UNITS
 
-MARKS = {"error": "ERROR", "warning": "WARNING", "info": "note"}
+MARKS: dict[Severity, Message] = {"error": message("mark-error"), "warning": message("mark-warning"), "info": message("mark-note")}
+
+
+Column = Literal[
+    "", "column-function", "column-range", "column-end", "column-largest-expanded", "column-unit", "column-identified",
+    "column-quantity", "column-value", "column-expanded", "column-setup", "column-tilt", "column-repeatability", "column-residual",
+    "column-before", "column-after",
+]  # fmt: skip
+_VALUES: tuple[Column, ...] = ("column-range", "column-end", "column-largest-expanded")
+_PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
+
+
+def _table(title: Message, columns: Sequence[Column], right: Sequence[Column]) -> Table:
+    """Return an empty table; ``right`` are the columns of figures."""
+    table = Table(title=shown(title))
+    for column in columns:
+        table.add_column(shown(message(column)) if column else "", justify="right" if column in right else "left")
+    return table
 
 
 def result_table(result: Result, out: Path | None) -> None:
@@ -22,9 +44,8 @@ def result_table(result: Result, out: Path | None) -> None:
     console = Console()
     volume = result.volume
     low, size = (" x ".join(f"{value:g}" for value in values) for values in (volume.origin_mm, volume.size_mm))
-    console.print(
-        f"volume {size} mm from {low}, {volume.increments} increments; chain {result.chain}; method {result.method}", highlight=False
-    )
+    about = message("table-volume", size=size, low=low, increments=volume.increments, chain=result.chain, method=result.method)
+    console.print(shown(about), markup=False, highlight=False)
     console.print(function_table(result))
     console.print(quantity_table(result))
     if any(facts.tilt_mrad is not None for facts in result.setups.values()):
@@ -32,14 +53,12 @@ def result_table(result: Result, out: Path | None) -> None:
     for line in finding_lines(result.findings):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if out is not None:
-        console.print(f"written: {out}", markup=False, highlight=False, soft_wrap=True)
+        console.print(shown(message("written-to", path=str(out))), markup=False, highlight=False, soft_wrap=True)
 
 
 def function_table(result: Result) -> Table:
     """Return one row a function: range of its shape (end-point line removed), value at its end, largest uncertainty, what is known."""
-    table = Table(title="error functions, e = actual - commanded")
-    for column in ("function", "shape, range", "at the end", "largest U (k = 2)", "unit", "identified"):
-        table.add_column(column, justify="left" if column in {"function", "unit", "identified"} else "right")
+    table = _table(message("table-functions"), ("column-function", *_VALUES, "column-unit", "column-identified"), right=_VALUES)
     for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
         function = result.errors[name]
         table.add_row(name, *_function_row(name, function), style="" if function.value is not None else "dim")
@@ -49,35 +68,34 @@ def function_table(result: Result) -> Table:
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
     """Return the cells behind the name. A straightness has no end value: its end-point line is in the squareness."""
     if function.value is None:
-        return "-", "-", "-", function.unit, "NO"
+        return "-", "-", "-", UNITS[function.unit], shown(message("identified-no"))
     end = float(function.value[-1] - function.value[0])
     along = (function.position_mm - function.position_mm[0]) / (function.position_mm[-1] - function.position_mm[0])
     expanded = None if function.u is None else COVERAGE * float(np.max(function.u))
-    known = "yes" if function.slope_identified else "shape only"
+    known = shown(message("identified-yes") if function.slope_identified else message("identified-shape"))
     straightness = name in DISPLACEMENTS and name[1] != name[2]
     end_shown = _shown(end) if function.slope_identified and not straightness else "-"
-    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), function.unit, known
+    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), UNITS[function.unit], known
 
 
 def quantity_table(result: Result) -> Table:
     """Return one row a squareness and a scale, with expanded uncertainty."""
-    table = Table(title="squareness and scale")
-    for column in ("quantity", "value", "U (k = 2)", "unit", "identified"):
-        table.add_column(column, justify="right" if column in {"value", "U (k = 2)"} else "left")
-    numbers = [(name, q.value, q.u, q.unit) for name, q in result.squareness.items()]
-    numbers += [(f"scale {axis}", scale.value, scale.u, scale.unit) for axis, scale in result.scale.items()]
+    right: tuple[Column, ...] = ("column-value", "column-expanded")
+    table = _table(message("table-quantities"), ("column-quantity", *right, "column-unit", "column-identified"), right=right)
+    numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
+    numbers += [(shown(message("scale-name", axis=axis)), scale.value, scale.u, UNITS[scale.unit]) for axis, scale in result.scale.items()]
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
-        known = "NO" if value is None else "yes"
-        table.add_row(name, _shown(value), _shown(expanded), unit, known, style="dim" if value is None else "")
+        known = shown(message("identified-no") if value is None else message("identified-yes"))
+        decimals = 2 if expanded is None else decimals_of_u(expanded)
+        table.add_row(name, _shown(value, decimals), _shown(expanded, decimals), unit, known, style="dim" if value is None else "")
     return table
 
 
 def setup_table(result: Result) -> Table:
     """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
-    table = Table(title="setups")
-    for column in ("setup", "tilt / mrad", "repeatability / um", "residual / um"):
-        table.add_column(column, justify="left" if column == "setup" else "right")
+    right: tuple[Column, ...] = ("column-tilt", "column-repeatability", "column-residual")
+    table = _table(message("table-setups"), ("column-setup", *right), right=right)
     for name, facts in result.setups.items():
         table.add_row(Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)))
     return table
@@ -86,18 +104,17 @@ def setup_table(result: Result) -> Table:
 def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
     """Yield one line a finding, the most serious first: how serious, its code, its words."""
     for severity, mark in MARKS.items():
-        yield from (printable(f"{mark:<8}{each.code}: {each.words}") for each in findings if each.severity == severity)
+        yield from (f"{shown(mark):<8}{printable(each.code)}: {shown(each.words)}" for each in findings if each.severity == severity)
 
 
 def effect_table(prediction: Prediction) -> Table:
     """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
-    what = "volumetric error" if prediction.drawn.volume.solid else "error where the axes travelled"
-    table = Table(title=f"predicted {what} / um, k = 2")
-    for column in ("", "before", "after"):
-        table.add_column(column, justify="right" if column else "left")
+    what = message("effect-of-volume") if prediction.drawn.volume.solid else message("effect-of-axes")
+    right: tuple[Column, ...] = ("column-before", "column-after")
+    table = _table(message("table-effect", what=what), ("", *right), right=right)
     for name, figures in prediction.predicted.parts().items():
-        table.add_row(f"largest, {name}", *(str(each.largest_um.bound()) for each in figures.values()))
-        table.add_row(f"rms, {name}", *(str(each.rms_um.words()) for each in figures.values()))
+        table.add_row(shown(message("effect-largest", part=_PARTS[name])), *(shown(each.largest_um.bound()) for each in figures.values()))
+        table.add_row(shown(message("effect-rms", part=_PARTS[name])), *(shown(each.rms_um.words()) for each in figures.values()))
     return table
 
 
@@ -110,4 +127,4 @@ def conclusion_lines(words: Mapping[str, Sequence[str]], titles: Mapping[str, st
 
 
 def _shown(value: float | None, decimals: int = 2) -> str:
-    return "-" if value is None else f"{value:.{decimals}f}"
+    return "-" if value is None else shown(f"{value:.{decimals}f}")

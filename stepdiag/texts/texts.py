@@ -9,6 +9,11 @@ from typing import Literal, get_args
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 SECTIONS = ("common", "conclusion", "report", "page", "fleet")
+UNITS = {
+    "um": "µm", "urad": "µrad", "um/m": "µm/m", "um/h": "µm/h", "um/stop": "µm/stop", "nm": "nm", "mm": "mm", "mrad": "mrad",
+    "arcsec": "arcsec", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s",
+}  # fmt: skip
+"""Units as a person reads them, by their name in results and in the names of arguments."""
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 

@@ -36,7 +36,7 @@ def test_readings_in_and_result_out_in_five_lines(beside_readings: Path, capsys:
     (code,) = python_in("api.md")
     assert len([line for line in code.splitlines() if line]) <= 5
     exec(code, {})
-    assert re.fullmatch(r"Y leans -?\d+\.\d urad to X\n", capsys.readouterr().out)
+    assert re.fullmatch(r"Y leans -?\d+\.\d µrad to X\n", capsys.readouterr().out)
     assert (beside_readings / "result.json").stat().st_size > 1000
 
 

@@ -37,7 +37,8 @@ from stepdiag.fourdof.record import read_head_csv
 from stepdiag.solver.fourdof.commissioning import Standstill, signs_and_lever
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
-from stepdiag.solver.planning.planner import Circumstances, forecast
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.planner import forecast
 from testkit.exact.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import Bench

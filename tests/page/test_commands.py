@@ -46,7 +46,7 @@ def unlock(page: Page) -> None:
 
 
 def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
-    """Start, pause, zero, abort (pressed twice), choose the next setup, name operator and workpiece."""
+    """Start, pause, zero, abort (pressed twice), write the certificate, choose the next setup, name operator and workpiece."""
     unlock(page)
     answer = page.locator("#answer")
     page.locator("#pause").click()
@@ -60,6 +60,9 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
     page.locator("#abort").click()
     page.locator("#more").click()
     page.locator("#zero").click()
+    expect(page.locator("#certificate")).to_be_disabled()
+    daemon.do(lambda: daemon.survey.publish(phase="complete"))
+    page.locator("#certificate").click()
     page.locator("#choose-setup").select_option("pnp")
     page.locator("#choose button").click()
     page.locator("#operator").fill("Night shift")
@@ -71,6 +74,7 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
         ("start", {}),
         ("abort-setup", {}),
         ("zero", {}),
+        ("certificate", {}),
         ("choose-setup", {"setup": "pnp"}),
         ("name", {"operator": "Night shift", "workpiece": "none"}),
     ]

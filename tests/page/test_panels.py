@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from stepdiag.base.messages import Place, message
+from stepdiag.base.messages import message
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.survey.file import parse_survey
-from testkit.played import Served
+from testkit.played import COUNTS_LOST, Served
 from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.page
@@ -90,18 +90,8 @@ def test_findings_appear_in_words(page: Page, daemon: Served) -> None:
 
 def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemon: Served) -> None:
     """Eight stops without a count are one finding, the newest cause first; what does not fit is behind "all"."""
-    lost = [
-        FindingStatus(
-            code="beam-lost",
-            severity="error",
-            text=f"npp out, stop {stop} of 30: the count was lost",
-            message=message("count-was-lost"),
-            at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
-        )
-        for stop in range(5, 13)
-    ]
     older = [FindingStatus(code=f"older-{number}", severity="warning", text="something") for number in range(6)]
-    daemon.do(lambda: daemon.survey.publish(findings=(*older, *lost)))
+    daemon.do(lambda: daemon.survey.publish(findings=(*older, *COUNTS_LOST)))
     items = page.locator("#findings li")
     expect(items).to_have_count(3)
     expect(items.first).to_contain_text("npp out, stops 5–12: the count was lost. ×8")

@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from stepdiag.base.messages import Place
 from stepdiag.base.messages import message as say
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
@@ -23,7 +24,7 @@ from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_vi
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
-from testkit.played import PlayedSurvey, Served, served
+from testkit.played import COUNTS_LOST, PlayedSurvey, Served, served
 
 GONE = LinkStatus(state="silent", address="x", age_s=9.0)
 
@@ -140,7 +141,7 @@ def test_every_field_of_a_snapshot_is_told_once() -> None:
 @pytest.mark.parametrize("outward", [True, False])
 def test_the_route_drawn_is_the_route_driven(order: str, outward: bool) -> None:
     """Whatever order the axes move in, and on the way back: the page draws the recording's own route."""
-    drawn = geometry(VOLUME, order, (), "npp", outward=outward)
+    drawn = geometry(Plan(volume=VOLUME, runs=(Run(setup="npp"),), axis_order=order), (), "npp", 1 if outward else 2)
     assert [list(one) for one in drawn.route_mm] == make_route(VOLUME, "npp", order, outward=outward).stops_mm.tolist()
     lengths = sorted(float(np.linalg.norm(np.subtract(*edge))) for edge in drawn.edges_mm)
     assert lengths == sorted([*VOLUME.size_mm] * 4)
@@ -206,17 +207,7 @@ def drive(daemon: Served) -> None:
 
 def trouble(daemon: Served) -> None:
     drive(daemon)
-    lost = tuple(
-        FindingStatus(
-            code="beam-lost",
-            severity="error",
-            text=f"npp out, stop {stop} of 30: the count was lost",
-            message=say("count-was-lost"),
-            at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
-        )
-        for stop in range(5, 13)
-    )
-    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=lost))
+    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=COUNTS_LOST))
 
 
 def done(daemon: Served) -> None:

@@ -318,7 +318,7 @@ def _walks() -> Iterator[Case]:
         _sees(170.0),
         _stop(3, None, 170.0),
         ["begin_anew"],
-        ["said_anew"],
+        ["begun_anew"],
         _sees(9.0),
         _stop(0, None, 9.0),
         *map(_sees, (89.1, -71.1, -160.0)),

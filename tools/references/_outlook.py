@@ -31,8 +31,8 @@ def plans():
             SIZE | {"runs": _runs("body-ppp", "body-npp", "linear-y"), "increments": 6, "axis_order": "yxz"},
             SIZE | {"runs": _runs("face-xy-pp", "face-xz-np", "face-yz-pp", "linear-z"), "axis_order": "yzx"},
             SIZE | {"runs": _runs("linear-x", "linear-y", "linear-z"), "increments": 4, "assumed": {"angle_urad": {"EAX": 30.0}, "angles_urad": 4.0}},
-            SIZE | {"runs": [*bare, *lines], "grown": {"available_min": 10.0}, "increments": 8, "assumed": {"shape_um": 9.0, "between_um": 1.0, "reading_um": 0.5}},
-            SIZE | {"runs": bare, "increments": 1, "grown": {"available_min": 170.0}},
+            SIZE | {"runs": [*bare, *lines], "asked": {"available_min": 10.0}, "increments": 8, "assumed": {"shape_um": 9.0, "between_um": 1.0, "reading_um": 0.5}},
+            SIZE | {"runs": bare, "increments": 1, "asked": {"available_min": 170.0}},
             *(SIZE | {"runs": [*bare, *lines], "increments": count} for count in (2, 4, 5, 6, 7)),
             SIZE | {"runs": _runs("fourdof-x")}, SIZE | {"runs": _runs("ppx")}, SIZE | {"runs": []},
         ]

@@ -4,13 +4,13 @@ import msgspec
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.names import FOURDOF_RUNS, SETUP_NUMBERS
-from stepdiag.base.setups import setup_of
+from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import CODED_FROM, setup_of, setups_meant
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
-from stepdiag.daq.capture.place.route import Route, make_route
+from stepdiag.daq.capture.place.route import Route, route_of
 from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk, begun_anew
 from stepdiag.daq.capture.standing.dwell import count_steps
 from stepdiag.daq.formats.signals import Signals
@@ -23,12 +23,13 @@ class PassFinder:
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
         self._start = start
-        self._unplanned_said = False
+        self._planned = survey.plan.all_setups
+        self._unplanned_reported = False
         self.walk: Walk | None = None
         self.turn: CapturedStop | None = None
 
     def follow(self, signals: Signals, reading_mm: float | None = None) -> Walk | Finding | Ended | None:
-        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was said.
+        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was reported.
 
         ``reading_mm`` is what the laser reads now, None where its count does not reach back to the stops of the log before.
         """
@@ -37,14 +38,15 @@ class PassFinder:
             return self._unplanned(signals)
         if self.walk is None:
             self.walk = self._begin(setup, signals, reading_mm)
-        elif self.walk.route.travel.base != setup_of(setup).base:
+        elif signals.setup is not None and self.walk.route.setup not in self._meant(signals.setup):
             return Ended("aborted", self.walk.at(message("went-on-with", setup=setup)))
         return self.walk
 
     def is_head_run(self, signals: Signals) -> bool:
         """Tell whether the machine drives a run of the 4-DOF head."""
         if signals.setup is not None:
-            return SETUP_NUMBERS.get(signals.setup) in FOURDOF_RUNS
+            own = SETUP_NUMBERS.get(signals.setup)
+            return any(setup_of(name).is_fourdof for name in ([own] if own else self._meant(signals.setup)))
         setup = self.walk.route.setup if self.walk else self._first_wanted()
         return setup is not None and setup_of(setup).is_fourdof
 
@@ -52,31 +54,35 @@ class PassFinder:
         hints = self._start.hints
         if signals.setup is None:
             return self.walk.route.setup if self.walk else self._first_wanted()
-        base = SETUP_NUMBERS.get(signals.setup)
-        named = [name for name in hints if setup_of(name).base == base]
+        meant = self._meant(signals.setup)
+        named = [name for name in hints if name in meant]
         return next((name for name in named if hints[name].wanted), named[0] if named else None)
+
+    def _meant(self, code: int) -> list[str]:
+        """Return the setups that a number may mean: a place in the plan, else any that is wanted or was driven."""
+        return setups_meant(code, self._planned if code > CODED_FROM else self._start.hints)
 
     def _first_wanted(self) -> str | None:
         return next((name for name, hint in self._start.hints.items() if hint.wanted), None)
 
     def _unplanned(self, signals: Signals) -> Finding | None:
-        if signals.setup is None or self._unplanned_said:
+        if signals.setup is None or self._unplanned_reported:
             return None
-        self._unplanned_said = True
+        self._unplanned_reported = True
         planned, base = ", ".join(self._start.hints), SETUP_NUMBERS.get(signals.setup)
         text = message("unplanned-setup", number=signals.setup, name=base or message("unknown-setup"), planned=planned)
         return finding("error", text)
 
     def _begin(self, setup: str, signals: Signals, reading_mm: float | None) -> Walk:
         survey = self._survey
-        forward = make_route(survey.volume, setup, survey.axis_order, outward=True)
         hint = self._start.hints[setup]
-        there = self._place(forward, hint, signals, reading_mm)
+        out, back = (route_of(survey.planned, setup, number) for number in hint.numbers)
+        there = self._place(out, hint, signals, reading_mm)
         if there is not None:
             gone_by = self._gone_by(signals)
-            hint = _directed(hint, there, len(forward), gone_by, returns=survey.plan.return_pass)
+            hint = _directed(hint, there, len(out), gone_by, returns=survey.plan.return_pass)
         self.turn = hint.turn if hint.turn is not None and hint.turn.outward is not hint.outward else None
-        route = forward if hint.outward else make_route(survey.volume, setup, survey.axis_order, outward=False)
+        route = out if hint.outward else back
         if reading_mm is not None and begun_anew(route, (*hint.believed, reading_mm)):
             return Walk.begun_before(route, hint.believed, self._start.last_count)
         known = {_mirrored(stop, hint, route): reading for stop, reading in hint.known.items()} if reading_mm is not None else {}

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.base.volume import Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.standing.dwell import STILL_MM
 
 STEP_TOLERANCE = 0.02
@@ -73,24 +74,24 @@ class Route:
 
 
 @lru_cache(maxsize=256)
-def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:
-    """Return the route of a pass, not to be written to. The return pass visits the stops of the outward one in reverse.
+def route_of(plan: Plan, setup: str, number: int) -> Route:
+    """Return the route of a pass of a setup of a plan, not to be written to. The return pass visits the stops of the outward one in
+    reverse.
 
     Kept, because page and status ask for the routes of all setups ten times a second.
     """
-    travel = setup_of(setup)
-    if travel.is_diagonal:
-        stops = diagonal_stops_mm(volume, travel.base, axis_order)
-        along = diagonal_direction(volume, travel.base)
-    else:
-        stops = linear_stops_mm(volume, travel.base)
-        along = np.eye(3)[AXES.index(travel.axis)]
-    if not outward:
-        stops = stops[::-1]
-    nominal = (stops - stops[0]) @ along
+    run = plan.run_of(setup)
+    stops = run_stops_mm(plan, run, number)
+    travel = np.array(run.travel.signs) * np.array(plan.volume.size_mm)
+    nominal = (stops - stops[0]) @ (travel / np.linalg.norm(travel))
     for column in (stops, nominal):
         column.setflags(write=False)
-    return Route(setup=setup, outward=outward, stops_mm=stops, nominal_mm=nominal)
+    return Route(setup=setup, outward=number % 2 == 1, stops_mm=stops, nominal_mm=nominal)
+
+
+def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:
+    """Return the route of a pass of a setup on its usual line."""
+    return route_of(Plan(volume=volume, runs=(Run(setup=setup),), axis_order=axis_order), setup, 1 if outward else 2)
 
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:

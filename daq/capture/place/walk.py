@@ -35,7 +35,7 @@ class Walk:
     ) -> None:
         self.route = route
         self.laser = LaserPlaces(route, known or {})
-        self._stuck_said = False
+        self._stuck_reported = False
         self.unsure: Message | None = None
         """Why the stops are only believed to be those that come next; None where position or laser say it."""
         self.nowhere = self.retreated = False
@@ -87,13 +87,13 @@ class Walk:
         place = ", ".join(f"{value:.4f}" for value in signals.commanded_mm)
         if index is None:
             wanted = ", ".join(f"{value:.4f}" for value in self.route.stops_mm[min(self.expected, len(self.route) - 1)])
-            said = message("unexpected-position", at=place, name=run(self.route.setup, self.way), wanted=wanted)
-            return None, [*odd, self.finding("error", self.expected, said)]
+            words = message("unexpected-position", at=place, name=run(self.route.setup, self.way), wanted=wanted)
+            return None, [*odd, self.finding("error", self.expected, words)]
         if index < self.expected:
             odd.append(self.finding("info", index, message("stop-again.by-position", at=place)))
         elif by_count != index and not self._just_turned(index, signals.stop_count):
-            said = message("count-disagrees.with-position", counted=by_count, at=place, named=index)
-            odd.append(self.finding("warning", index, said))
+            words = message("count-disagrees.with-position", counted=by_count, at=place, named=index)
+            odd.append(self.finding("warning", index, words))
         return index, odd
 
     def _just_turned(self, index: int, count: int | None) -> bool:
@@ -153,11 +153,11 @@ class Walk:
         return 0 < stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
 
     def begin_anew(self) -> Finding:
-        """Go back to before the first stop; return what is to be said of it."""
+        """Go back to before the first stop; return its finding."""
         self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, None
         self.nowhere = self.retreated = False
         self.laser.lost()
-        return self.said_anew()
+        return self.begun_anew()
 
     @classmethod
     def begun_before(cls, route: Route, believed: Sequence[float], last_count: int | None) -> Self:
@@ -166,8 +166,8 @@ class Walk:
         walk.apart = ANEW
         return walk
 
-    def said_anew(self) -> Finding:
-        """Return what is to be said of a pass that was begun anew."""
+    def begun_anew(self) -> Finding:
+        """Return the finding of a pass that was begun anew."""
         return self.finding("info", 0, message("stop-again.begun-anew"))
 
     def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
@@ -187,8 +187,8 @@ class Walk:
     def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
         """Return what is odd about a stop that the laser names."""
         if counted is not None and by_laser != by_count and self.expected > 0:
-            said = message("count-disagrees.with-laser", counted=by_count, named=by_laser)
-            odd = [*odd, self.finding("warning", by_laser, said)]
+            words = message("count-disagrees.with-laser", counted=by_count, named=by_laser)
+            odd = [*odd, self.finding("warning", by_laser, words)]
         if by_laser < self.expected:
             odd = [*odd, self.finding("info", by_laser, message("stop-again.by-laser"))]
         return odd
@@ -229,14 +229,14 @@ class Walk:
         self.expected = index + 1
         self._last_count = count
 
-    def finding(self, severity: Severity, stop: int, said: Message, code: str = "") -> Finding:
+    def finding(self, severity: Severity, stop: int, words: Message, code: str = "") -> Finding:
         """Return the finding of a message at a stop of the pass; a phrase needs its ``code``."""
-        return finding(severity, said, Place(setup=self.route.setup, way=self.way, stop=stop, last=len(self.route) - 1), code=code)
+        return finding(severity, words, Place(setup=self.route.setup, way=self.way, stop=stop, last=len(self.route) - 1), code=code)
 
     def _stuck(self, count: int) -> list[Finding]:
         """Return, once a pass, that the machine comes to a stop and does not count it."""
-        said, self._stuck_said = self._stuck_said, True
-        return [] if said else [self.finding("warning", self.expected, message("count-stuck", count=count))]
+        reported, self._stuck_reported = self._stuck_reported, True
+        return [] if reported else [self.finding("warning", self.expected, message("count-stuck", count=count))]
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
         if count is None or self._last_count is None or self.expected == 0:

@@ -58,13 +58,13 @@ class Alarm:
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
             moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
-            said = message("machine-alarm", time=f"{moment:%H:%M:%S}")
-            self._doubts.append((now_ns, said))
+            words = message("machine-alarm", time=f"{moment:%H:%M:%S}")
+            self._doubts.append((now_ns, words))
             last = len(walk.route) - 1
-            yield walk.finding("warning", min(walk.expected + waiting, last), said)
+            yield walk.finding("warning", min(walk.expected + waiting, last), words)
 
     def doubts(self, stop: CapturedStop) -> list[Message]:
-        """Return what is to be doubted of a stop: what came before it was over, and has not been told of another one."""
+        """Return what is to be doubted of a stop: what came before it was over, and is no remark of another one."""
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts
@@ -74,16 +74,16 @@ def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm)
     """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
     doubted = [] if walk.route.travel.is_fourdof else judged.doubted
-    for said in (*judged.said, *doubted):
-        yield walk.finding("warning", stops[0].stop if stops else walk.expected, said)
+    for words in (*judged.remarks, *doubted):
+        yield walk.finding("warning", stops[0].stop if stops else walk.expected, words)
     for each in taken:
         yield _marked(each, judged.held, [*doubted, *alarm.doubts(each)]) if isinstance(each, CapturedStop) else each
 
 
 def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message]) -> CapturedStop:
     stop = msgspec.structs.replace(stop, held=held)
-    for said in doubted:
-        stop = marked(stop, said)
+    for words in doubted:
+        stop = marked(stop, words)
     return stop
 
 

@@ -31,7 +31,7 @@ class StreamRemarks:
 
     def __init__(self, streams: dict[Stream, StreamBuffer]) -> None:
         self._streams = streams
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._listened_ns = 0
 
     def listen_now_and_then(self, now_ns: int, outcomes: list[Outcome]) -> None:
@@ -41,7 +41,7 @@ class StreamRemarks:
             self.listen(outcomes)
 
     def listen(self, outcomes: list[Outcome]) -> None:
-        """Say what is new; before anything else is said, so that the order is that of the events."""
+        """Say what is new; before anything else is reported, so that the order is that of the events."""
         for stream, buffer in self._streams.items():
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
@@ -50,14 +50,14 @@ class StreamRemarks:
         """Report where bytes were lost on the way, each cause once a log: how often it came is the link's own matter."""
         for cause in causes:
             kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
-            if kind not in self._said:
-                self._said.add(kind)
-                lost = message("bytes-were-lost", stream=STREAMS[link], cause=cause)
-                outcomes.append(finding("warning", lost, code="bytes-lost"))
+            if kind not in self._reported:
+                self._reported.add(kind)
+                lost = message("samples-missing.bytes", stream=STREAMS[link], cause=cause)
+                outcomes.append(finding("warning", lost))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
-        said = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
-        if notice.code in KINDS and said not in self._said:
-            self._said.add(said)
+        kind = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
+        if notice.code in KINDS and kind not in self._reported:
+            self._reported.add(kind)
             what = message("of-stream", stream=STREAMS[stream], what=notice.why)
             outcomes.append(finding(KINDS[notice.code], what, code=CODES[notice.code]))

@@ -1,4 +1,4 @@
-"""What the machine does not say, and what therefore nobody can check: said before, during and after a survey."""
+"""Signals that the machine does not have, and what is therefore not checked: reported before, during and after a survey."""
 
 from collections.abc import Collection, Iterator
 
@@ -8,31 +8,25 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import CONDITIONS, needed_conditions
-from stepdiag.daq.capture.place.route import agrees, make_route
+from stepdiag.daq.capture.place.route import agrees, route_of
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 
 POSITIONS = ("x_mm", "y_mm", "z_mm")
-WITHOUT = {
-    "stop_count": "a stop that was not seen on Modbus is known by the laser alone, and no handshake is possible",
-    "running": "an aborted program is known by where the laser says the machine is",
-    "heartbeat": "a control that no longer renews its signals is not noticed",
-    "alarm": "an alarm in a pass is not noticed",
-    "setup": "which setup runs is told by the plan alone",
-    "x_mm": "the commanded position is not checked against the survey",
-    "material_temperature_c": "the material temperature is taken from [environment]",
-    "air_temperature_c": "the air temperature is taken from [environment]",
-    "air_pressure_hpa": "the air pressure is taken from [environment]",
-    "relative_humidity_percent": "the humidity is taken from [environment]",
-}
-"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
 OF_THE_STOPS = {
     "stop_count": message("without-stop-count"),
     "running": message("without-running"),
     "heartbeat": message("without-heartbeat"),
     "alarm": message("without-alarm"),
 }
-"""Those that every survey is told of; position and setup have findings of their own, conditions stand in the result."""
+"""What every survey names; position and setup have findings of their own, conditions stand in the result."""
+WITHOUT = {
+    **OF_THE_STOPS,
+    "setup": message("signals-absent.setup"),
+    "x_mm": message("without-position"),
+    **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
+}
+"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
 
 
 def places_known(survey: Survey) -> bool:
@@ -48,7 +42,7 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     if survey.plc.silent:
         return (finding("warning", message("no-signals", whys=list(_without_signals(survey)))), *assumed(survey, without))
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [said for name, said in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
+    missing = [words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
     findings = [finding("warning", message("signals-absent.position", whys=texts))] if texts else []
     if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         text = message("signals-absent.setup")
@@ -62,10 +56,10 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
     if survey.environment.source == "fixed":
         return ()
-    told = (*survey.plc.signal_names, *promised(survey))
+    measured = (*survey.plc.signal_names, *promised(survey))
     needed = needed_conditions(survey)
-    unsaid = [name for name in needed if name not in told and name not in without]
-    values = [message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)) for name in unsaid]
+    unmeasured = [name for name in needed if name not in measured and name not in without]
+    values = [message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)) for name in unmeasured]
     if not values:
         return ()
     text = message("air-unknown.plan", values=values)
@@ -73,7 +67,7 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
 
 
 def _without_signals(survey: Survey) -> Iterator[Message]:
-    """Yield what cannot be told apart where the laser alone places and names the stops."""
+    """Yield what cannot be distinguished where the laser alone places and names the stops."""
     yield message("unseen-all")
     yield message("unseen-person")
     yield message("unseen-elsewhere")
@@ -102,6 +96,6 @@ def _alike(survey: Survey) -> list[str]:
     """Return the axes whose steps along a diagonal are the same for the laser."""
     if not _diagonals(survey):
         return []
-    route = make_route(survey.volume, _diagonals(survey)[0], survey.axis_order, outward=True)
+    route = route_of(survey.planned, _diagonals(survey)[0], 1)
     steps = {route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1]) for stop in (1, 2, 3)}
     return [axis for axis, step in steps.items() if any(agrees(step, other) for name, other in steps.items() if name != axis)]

@@ -19,7 +19,7 @@ LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
 """Who is further away is on the way: no machine swings so far, and no drive overshoots by it."""
 AWAY_SHARE = 0.25
-"""Of a step that is shorter, so much; of one of which that is less than `STILL_MM` nothing is said."""
+"""Of a step that is shorter, so much; of one of which that is less than `STILL_MM` nothing is reported."""
 
 
 class Placing(Protocol):

@@ -36,7 +36,7 @@ SAME_STOP_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
-"""Positions of one standstill that are told apart: as many say its median, and a machine may stand for hours."""
+"""Positions of one standstill that are distinguished: as many give its median, and a machine may stand for hours."""
 FLICKER_NS = 300_000_000
 """A stop signal that was away for less has flickered; no machine makes a step in that time and stands again."""
 
@@ -72,7 +72,7 @@ class Dwell:
     """One standstill as Modbus saw it.
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
-    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position told
+    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position read
     longest; ``blind`` tells that polls failed in between.
     """
 
@@ -91,7 +91,7 @@ class DwellTracker:
         self.open: Dwell | None = None
         self._last: Dwell | None = None
         self._last_moving_ns: int | None = None
-        self._told_ns: Counter[Place] = Counter()
+        self._held_ns: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
         """Take one poll; return the dwell that it closed, if any."""
@@ -102,7 +102,7 @@ class DwellTracker:
             if action == "close":
                 closed, self._last, self.open = self.open, self.open, None
             elif action == "open":
-                self._told_ns = Counter()
+                self._held_ns = Counter()
                 self.open = Dwell(from_ns=recv_ns, to_ns=recv_ns, not_before_ns=self._last_moving_ns, signals=signals)
             elif self.open is not None:
                 self.open = self._with(self.open, signals, max(send_ns, self.open.from_ns))
@@ -111,13 +111,13 @@ class DwellTracker:
         return closed
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
-        """Return the open dwell with the signals whose position was told longest: the register may still be running in.
+        """Return the open dwell with the signals whose position was read longest: the register may still be running in.
 
         Not most often: a poller that is held up asks seldom, and may have asked often while the register ran in. The median in time where
         the register flickers, as actual positions do.
         """
-        if len(self._told_ns) < MOST_PLACES or signals.commanded_mm in self._told_ns:
-            self._told_ns[signals.commanded_mm] += to_ns - dwell.to_ns
+        if len(self._held_ns) < MOST_PLACES or signals.commanded_mm in self._held_ns:
+            self._held_ns[signals.commanded_mm] += to_ns - dwell.to_ns
         place = self._place(dwell.signals.commanded_mm)
         if place == dwell.signals.commanded_mm:
             return replace(dwell, to_ns=to_ns)
@@ -126,10 +126,10 @@ class DwellTracker:
         return replace(dwell, to_ns=to_ns, signals=replace(dwell.signals, x_mm=place[0], y_mm=place[1], z_mm=place[2]))
 
     def _place(self, before: Place) -> Place:
-        """Return the place told longest, before another one told as long; the median where none was told for half of the time."""
-        longest = max(self._told_ns, key=lambda place: (self._told_ns[place], place == before))
-        flickers = None not in self._told_ns and 2 * self._told_ns[longest] < self._told_ns.total()
-        return _median_place(self._told_ns) if flickers else longest
+        """Return the place read longest, before another one read as long; the median where none was read for half of the time."""
+        longest = max(self._held_ns, key=lambda place: (self._held_ns[place], place == before))
+        flickers = None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
+        return _median_place(self._held_ns) if flickers else longest
 
     def silent(self) -> None:
         """Take note that a poll brought no answer."""
@@ -150,10 +150,10 @@ class DwellTracker:
         return "same" if reference is None or same_stop(reference.signals, signals) else "new"
 
 
-def _median_place(told_ns: Mapping[Place, int]) -> Place:
-    """Return by axis the position of which as much time was told below as above; each of them was told."""
-    places = np.array([place for place in told_ns if place is not None])
-    weight = np.array([ns for place, ns in told_ns.items() if place is not None], dtype=np.float64)
+def _median_place(held_ns: Mapping[Place, int]) -> Place:
+    """Return by axis the position of which as much time was read below as above; each of them was read."""
+    places = np.array([place for place in held_ns if place is not None])
+    weight = np.array([ns for place, ns in held_ns.items() if place is not None], dtype=np.float64)
     order = np.argsort(places, axis=0)
     share = np.cumsum(weight[order], axis=0) / weight.sum()
     middle = np.argmax(share >= 0.5, axis=0)

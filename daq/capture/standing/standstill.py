@@ -34,7 +34,7 @@ class _Waiting:
 
     dwell: Dwell
     end_ns: int
-    told_ns: int
+    held_ns: int
 
 
 class Standstills:
@@ -86,8 +86,8 @@ class Standstills:
         if self._taken is None:
             return False
         one = _one(self._taken, going_on, placing) if placing is not None else None
-        told = going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
-        return one if one is not None else told and same_stop(self._taken.dwell.signals, going_on.signals)
+        placed = going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
+        return one if one is not None else placed and same_stop(self._taken.dwell.signals, going_on.signals)
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
         """Tell whether all that wait are earlier parts of the dwell that goes on."""
@@ -128,14 +128,14 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those told longest."""
+    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those read longest."""
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
         longer = after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell
         return replace(_alone(longer), end_ns=after.to_ns)
-    told = _alone(after) if lasts_ns >= before.told_ns else before
-    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.dwell.signals, blind=before.dwell.blind or after.blind)
-    return _Waiting(whole, after.to_ns, told.told_ns)
+    longest = _alone(after) if lasts_ns >= before.held_ns else before
+    whole = replace(before.dwell, to_ns=after.to_ns, signals=longest.dwell.signals, blind=before.dwell.blind or after.blind)
+    return _Waiting(whole, after.to_ns, longest.held_ns)
 
 
 def _alone(dwell: Dwell) -> _Waiting:

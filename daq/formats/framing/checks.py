@@ -1,9 +1,10 @@
 """Refusing settings that cannot be meant, by the name they have in the survey file."""
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Words, message
 
 
-def require(condition: bool, field: str, expected: str, found: object) -> None:
+def require(condition: bool, field: str, expected: Words, found: object) -> None:
     """Raise UsageError for ``field`` (``laser.sign``) unless ``condition`` holds."""
     if not condition:
         raise UsageError(f"survey: {field}", expected=expected, found=repr(found))
@@ -16,5 +17,5 @@ def require_sign(sign: int) -> None:
 
 def require_interferometer(wavelength_nm: float, optics: int) -> None:
     """Raise UsageError unless the laser and its optics are possible: 632.99 nm family to near infrared; 1, 2 or 4 fold."""
-    require(300 < wavelength_nm < 2000, "laser.wavelength_nm", "a vacuum wavelength from 300 to 2000 nm", wavelength_nm)
+    require(300 < wavelength_nm < 2000, "laser.wavelength_nm", message("vacuum-wavelength"), wavelength_nm)
     require(optics in (1, 2, 4), "laser.optics", "1, 2 or 4", optics)

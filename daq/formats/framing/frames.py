@@ -19,7 +19,7 @@ JUNK_CAP = 4096
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """``count`` bytes that belong to no frame, and how they begin; that is told once until the next frame."""
+    """``count`` bytes that belong to no frame, and how they begin; reported once until the next frame."""
 
     count: int
     begins: bytes = b""

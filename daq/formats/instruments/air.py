@@ -19,7 +19,7 @@ from stepdiag.daq.formats.framing.lines import LineBuffer, quote
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.timing.samples import Flag, Samples
 
-TOLD = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+MEASURED = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
 """What a line may tell: the names of the pattern's groups, and the order of the channels."""
 PTU300 = (
     r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)\s*'C"
@@ -35,7 +35,7 @@ _LINE_CAP = 500
 class AirSettings:
     """What a line looks like.
 
-    ``pattern`` matches the whole of it, with one or more of the groups `TOLD`. ``greeting`` is sent once, ``request`` every ``poll_s``
+    ``pattern`` matches the whole of it, with one or more of the groups `MEASURED`. ``greeting`` is sent once, ``request`` every ``poll_s``
     seconds; a sensor that speaks by itself has none.
     """
 
@@ -51,21 +51,21 @@ class AirSettings:
         groups = line_pattern(self.pattern, "survey: environment.sensor.pattern").groupindex
         wanted = "a named group such as (?P<air_temperature_c>...)"
         require(bool(groups), "environment.sensor.pattern", wanted, self.pattern)
-        require(set(groups) <= set(TOLD), "environment.sensor.pattern", f"no other groups than {', '.join(TOLD)}", sorted(groups))
+        require(set(groups) <= set(MEASURED), "environment.sensor.pattern", message("no-other-groups", names=MEASURED), sorted(groups))
         require((self.request + self.greeting).isascii(), "environment.sensor.request", "plain ASCII", self.request)
 
 
 @cache
 def quantities_in(pattern: str) -> tuple[str, ...]:
-    """Return what a line of this pattern tells, in the order of `TOLD`."""
+    """Return what a line of this pattern holds, in the order of `MEASURED`."""
     groups = line_pattern(pattern, "survey: environment.sensor.pattern").groupindex
-    return tuple(name for name in TOLD if name in groups)
+    return tuple(name for name in MEASURED if name in groups)
 
 
 class AirDecoder:
     """Decoder of a sensor that speaks by itself (`daq.timing.samples.Decoder`).
 
-    A measurement is one sample without position; ``channels`` has shape (count, 4) in the order of `TOLD`, NaN for what was not told. Each
+    A measurement is one sample without position; ``channels`` has shape (count, 4) in the order of `MEASURED`, NaN for a missing one. Each
     number is also an ``environment`` notice. What is neither a measurement nor the echo of a request is a garbage notice.
     """
 
@@ -102,9 +102,9 @@ class AirDecoder:
             batch.note("garbage", message("line-no-match", quoted=quote(line)))
             return
         groups = found.groupdict()
-        values = np.array([self._value(name, groups.get(name)) for name in TOLD])
+        values = np.array([self._value(name, groups.get(name)) for name in MEASURED])
         known = np.isfinite(values)
-        for name, value in zip(np.array(TOLD)[known].tolist(), values[known].tolist(), strict=True):
+        for name, value in zip(np.array(MEASURED)[known].tolist(), values[known].tolist(), strict=True):
             batch.note("environment", name=name, value=value)
         flags = np.array([0 if known.any() else Flag.DEVICE_ERROR], dtype=np.uint16)
         batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])

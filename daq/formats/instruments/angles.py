@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch
 from stepdiag.daq.formats.framing.checks import require
 from stepdiag.daq.formats.framing.lines import LineBuffer, quote
@@ -47,9 +48,9 @@ class AnglesSettings:
 
     def __post_init__(self) -> None:
         groups = line_pattern(self.pattern, "survey: head.angles.pattern").groupindex
-        require("first" in groups, "head.angles.pattern", "a named group (?P<first>...)", self.pattern)
-        require(set(groups) <= set(GROUPS), "head.angles.pattern", f"no other groups than {', '.join(GROUPS)}", sorted(groups))
-        require(0 < self.poll_hz <= 100, "head.angles.poll_hz", "a number above 0 and up to 100", self.poll_hz)
+        require("first" in groups, "head.angles.pattern", message("named-group", group="(?P<first>...)"), self.pattern)
+        require(set(groups) <= set(GROUPS), "head.angles.pattern", message("no-other-groups", names=GROUPS), sorted(groups))
+        require(0 < self.poll_hz <= 100, "head.angles.poll_hz", message("number-up-to", most=100), self.poll_hz)
         require((self.request + self.greeting).isascii(), "head.angles.request", "plain ASCII", self.request)
 
 

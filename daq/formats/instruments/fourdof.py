@@ -33,9 +33,9 @@ class FourdofSettings:
 
     def __post_init__(self) -> None:
         full = self.full_sum
-        require(full is None or min(full) > 0, "head.full_sum", "three numbers above 0", full)
-        require(0 <= self.beam_threshold < 1, "head.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "head.rate_hz", "a number above 0", self.rate_hz)
+        require(full is None or min(full) > 0, "head.full_sum", message("three-above-0"), full)
+        require(0 <= self.beam_threshold < 1, "head.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(self.rate_hz is None or self.rate_hz > 0, "head.rate_hz", message("number-above-0"), self.rate_hz)
 
 
 SYNC = b"\xf4\xd0"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.checksums import CHECKSUMS
@@ -47,25 +48,30 @@ class FramesSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < len(self.sync_bytes) <= 16, "laser.frames.sync", "1 to 16 bytes in hexadecimal, such as AA55", self.sync)
+        require(0 < len(self.sync_bytes) <= 16, "laser.frames.sync", message("sync-bytes"), self.sync)
         try:
             places, _ = read_layout(self.layout, len(self.sync_bytes))
         except ValueError as error:
-            require(False, "laser.frames.layout", "fields such as position i32", str(error))
-        require("position" in places, "laser.frames.layout", "a field position", list(self.layout))
-        require(self.size <= LARGEST_FRAME, "laser.frames.layout", f"frames of at most {LARGEST_FRAME} bytes", self.size)
-        require(self.checksum in CHECKSUMS, "laser.frames.checksum", f"one of {', '.join(CHECKSUMS)}", self.checksum)
-        require(0 <= self.checksum_from < self.size, "laser.frames.checksum_from", "a byte of the frame", self.checksum_from)
+            require(False, "laser.frames.layout", message("fields-such-as"), str(error))
+        require("position" in places, "laser.frames.layout", message("field-position"), list(self.layout))
+        require(self.size <= LARGEST_FRAME, "laser.frames.layout", message("frames-at-most", count=LARGEST_FRAME), self.size)
+        require(self.checksum in CHECKSUMS, "laser.frames.checksum", message("one-of", names=list(CHECKSUMS)), self.checksum)
+        require(0 <= self.checksum_from < self.size, "laser.frames.checksum_from", message("byte-of-frame"), self.checksum_from)
         for name in ("counter", "status"):
-            require(name not in places or places[name].kind != "f", "laser.frames.layout", f"a whole number for {name}", list(self.layout))
+            require(
+                name not in places or places[name].kind != "f",
+                "laser.frames.layout",
+                message("whole-number-for", name=name),
+                list(self.layout),
+            )
         for name in ("lost_bits", "error_bits", "good_bits"):
-            said = getattr(self, name)
-            require(not said or "status" in places, f"laser.frames.{name}", "0 without a field status", said)
-            require(said >= 0, f"laser.frames.{name}", "a mask of bits", said)
-        require(self.scale != 0, "laser.frames.scale", "a number other than 0", self.scale)
-        require(self.beam_full > 0, "laser.frames.beam_full", "a number above 0", self.beam_full)
-        require(0 <= self.beam_threshold < 1, "laser.frames.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "laser.frames.rate_hz", "a number above 0", self.rate_hz)
+            mask = getattr(self, name)
+            require(not mask or "status" in places, f"laser.frames.{name}", message("zero-without-status"), mask)
+            require(mask >= 0, f"laser.frames.{name}", message("mask-of-bits"), mask)
+        require(self.scale != 0, "laser.frames.scale", message("number-not-zero"), self.scale)
+        require(self.beam_full > 0, "laser.frames.beam_full", message("number-above-0"), self.beam_full)
+        require(0 <= self.beam_threshold < 1, "laser.frames.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(self.rate_hz is None or self.rate_hz > 0, "laser.frames.rate_hz", message("number-above-0"), self.rate_hz)
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
@@ -126,8 +132,8 @@ class FramesDecoder:
         if not checksum.size:
             return True
         end = len(frame) - checksum.size
-        said = int.from_bytes(frame[end:], settings.checksum_order or settings.byte_order)
-        return said == checksum.of(frame[settings.checksum_from : end])
+        checksum_sent = int.from_bytes(frame[end:], settings.checksum_order or settings.byte_order)
+        return checksum_sent == checksum.of(frame[settings.checksum_from : end])
 
     def _add(self, frames: Frames, batch: Batch) -> None:
         settings = self._settings

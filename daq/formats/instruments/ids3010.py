@@ -34,9 +34,9 @@ class Ids3010Settings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.ids3010.axis", "1, 2 or 3", self.axis)
-        require(0 < self.poll_hz <= 100, "laser.ids3010.poll_hz", "a number above 0 and up to 100", self.poll_hz)
-        require(0 < self.contrast_full <= 1000, "laser.ids3010.contrast_full", "a number above 0 and up to 1000", self.contrast_full)
-        require(0 <= self.beam_threshold < 1, "laser.ids3010.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
+        require(0 < self.poll_hz <= 100, "laser.ids3010.poll_hz", message("number-up-to", most=100), self.poll_hz)
+        require(0 < self.contrast_full <= 1000, "laser.ids3010.contrast_full", message("number-up-to", most=1000), self.contrast_full)
+        require(0 <= self.beam_threshold < 1, "laser.ids3010.beam_threshold", message("number-below-1"), self.beam_threshold)
         require_sign(self.sign)
 
 
@@ -119,8 +119,8 @@ class Ids3010Decoder:
         """Take an answer that is none to what was asked; where it was the position, that is a sample that cannot be used."""
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")
-        said = quote(why.encode()) if isinstance(why, str) else quote(line)
-        answers = message("instrument-answers", quoted=said)
+        quoted = quote(why.encode()) if isinstance(why, str) else quote(line)
+        answers = message("instrument-answers", quoted=quoted)
         batch.note("device", message("other-interface", what=answers) if error.get("code") == _UNKNOWN_METHOD else answers)
         if answer.id == _DISPLACEMENT:
             self._append(float("nan"), Flag.DEVICE_ERROR, batch)

@@ -30,8 +30,8 @@ class LasertexSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < self.level_full <= 255, "laser.lasertex.level_full", "a number above 0 and up to 255", self.level_full)
-        require(0 <= self.beam_threshold < 1, "laser.lasertex.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
+        require(0 < self.level_full <= 255, "laser.lasertex.level_full", message("number-up-to", most=255), self.level_full)
+        require(0 <= self.beam_threshold < 1, "laser.lasertex.beam_threshold", message("number-below-1"), self.beam_threshold)
         require_sign(self.sign)
 
 
@@ -80,14 +80,14 @@ class LasertexDecoder:
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return what the link asks, with all it hears, for an answer: the laser holds the flags of a lost beam until it is told to drop
+        """Return what the link asks, with all it hears, for an answer: the laser holds the flags of a lost beam until a command drops
         them, so they are dropped once they have been heard, and never before.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
 
         def respond(data: bytes) -> bytes:
-            said = [part for part in frames.feed(data) if not isinstance(part, Junk)]
-            distances = [row for part in said for row in part if _code(row) == _DISTANCE]
+            messages = [part for part in frames.feed(data) if not isinstance(part, Junk)]
+            distances = [row for part in messages for row in part if _code(row) == _DISTANCE]
             if not distances:
                 return b""
             last = distances[-1]
@@ -134,15 +134,15 @@ class LasertexDecoder:
         sensor, temperature_c = frame[3], int.from_bytes(frame[4:6], "big", signed=True) * 0.01
         if sensor == _AIR_SENSOR:
             pressure_hpa = int.from_bytes(frame[9:11], "big") * 0.1
-            told = {
+            measured = {
                 "air_temperature_c": temperature_c,
                 "relative_humidity_percent": float(frame[6]),
                 "air_pressure_hpa": pressure_hpa,
             }
         else:
             self._material_c[sensor] = temperature_c
-            told = {"material_temperature_c": sum(self._material_c.values()) / len(self._material_c)}
-        for name, value in told.items():
+            measured = {"material_temperature_c": sum(self._material_c.values()) / len(self._material_c)}
+        for name, value in measured.items():
             batch.note("environment", name=name, value=value)
 
 

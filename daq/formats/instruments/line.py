@@ -53,20 +53,20 @@ class LineSettings:
 
     def __post_init__(self) -> None:
         groups = self._groups()
-        require("position" in groups, "laser.line.pattern", "a named group (?P<position>...)", self.pattern)
+        require("position" in groups, "laser.line.pattern", message("named-group", group="(?P<position>...)"), self.pattern)
         modulus = self.counter_modulus
-        require(modulus is None or modulus > 1, "laser.line.counter_modulus", "a whole number above 1", modulus)
-        require(self.beam_full > 0, "laser.line.beam_full", "a number above 0", self.beam_full)
-        require(0 <= self.beam_threshold < 1, "laser.line.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
-        require(self.rate_hz is None or self.rate_hz > 0, "laser.line.rate_hz", "a number above 0", self.rate_hz)
+        require(modulus is None or modulus > 1, "laser.line.counter_modulus", message("whole-number-from-up", least=2), modulus)
+        require(self.beam_full > 0, "laser.line.beam_full", message("number-above-0"), self.beam_full)
+        require(0 <= self.beam_threshold < 1, "laser.line.beam_threshold", message("number-below-1"), self.beam_threshold)
+        require(self.rate_hz is None or self.rate_hz > 0, "laser.line.rate_hz", message("number-above-0"), self.rate_hz)
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
     def _groups(self) -> frozenset[str]:
         try:
-            require("\n".encode(self.encoding) == b"\n", "laser.line.encoding", "an encoding that extends ASCII", self.encoding)
+            require("\n".encode(self.encoding) == b"\n", "laser.line.encoding", message("encoding-extends-ascii"), self.encoding)
         except LookupError as error:
-            raise UsageError("survey: laser.line.encoding", expected="an encoding such as ascii", found=self.encoding) from error
+            raise UsageError("survey: laser.line.encoding", expected=message("encoding-such-ascii"), found=self.encoding) from error
         return frozenset(line_pattern(self.pattern, "survey: laser.line.pattern").groupindex)
 
 
@@ -104,7 +104,7 @@ class LineDecoder:
         self._lines = LineBuffer(LINE_CAP, self._terminator)
         modulus = settings.counter_modulus
         self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, LONGEST_WRAP_GAP))] if modulus else [])
-        self._told = lru_cache(SAME_LINES)(self._read)
+        self._parsed = lru_cache(SAME_LINES)(self._read)
         self._first_line = True
         self._number = -1
         self.nominal_rate_hz = settings.rate_hz
@@ -144,9 +144,9 @@ class LineDecoder:
         block = self._lines.preview(data)
         if self._first_line or not block:
             return None
-        told = [self._told(line) for line in block[:-1].split(self._terminator)]
-        rows = self._numbered([each for each in told if each is not None])
-        if rows is None or len(rows) < len(told) or not self._track.goes_on(_counts(rows)):
+        parsed = [self._parsed(line) for line in block[:-1].split(self._terminator)]
+        rows = self._numbered([each for each in parsed if each is not None])
+        if rows is None or len(rows) < len(parsed) or not self._track.goes_on(_counts(rows)):
             return None
         position_mm, beam, flags = self._columns(rows)
         if flags.any():
@@ -157,10 +157,10 @@ class LineDecoder:
         batch.add(self._track.follow(_counts(rows)).counter, position_mm, flags, beam=beam)
         return batch.samples(arrivals_of_lines(chunks, self._terminator))
 
-    def _numbered(self, told: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
+    def _numbered(self, parsed: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
         """Return rows with the count that stands in their lines, or the next numbers, which stay free; None where one has no count."""
         rows = []
-        for number, (position, counter, beam) in enumerate(told, self._number + 1):
+        for number, (position, counter, beam) in enumerate(parsed, self._number + 1):
             count = self._count(counter) if self.gaps_visible else number
             if count is None:
                 return None
@@ -169,8 +169,8 @@ class LineDecoder:
 
     def _parse(self, line: bytes) -> _Row | None:
         """Return the numbers of a line, NaN for those it does not hold; None where it does not match."""
-        told = self._told(line)
-        rows = None if told is None else self._numbered([told])
+        parsed = self._parsed(line)
+        rows = None if parsed is None else self._numbered([parsed])
         if rows is None:
             return None
         self._number += 1
@@ -185,8 +185,8 @@ class LineDecoder:
         found = self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None  # RE2 looks at UTF-8: twice as fast as at text
         if found is None:
             return None
-        told = [None if place is None else found[place] for place in self._places]
-        position, counter, beam = [None if value is None else value.decode() for value in told]
+        fields = [None if place is None else found[place] for place in self._places]
+        position, counter, beam = [None if value is None else value.decode() for value in fields]
         return _number(position), counter, _number(beam)
 
     def _count(self, text: str | None) -> int | None:
@@ -229,10 +229,9 @@ def line_pattern(pattern: str, where: str) -> Any:
         why = error.args[0].decode("utf-8", "replace") if error.args and isinstance(error.args[0], bytes) else str(error)
         raise UsageError(
             where,
-            expected="a regular expression of RE2, between single quotes",
+            expected=message("expression-of-re2"),
             found=f"{_shortened(pattern)} ({_shortened(why)})",
-            remedy="it knows no looking ahead or behind and no references to groups; the log of an older survey is read with another"
-            " pattern by `stepdiag replay --survey FILE`",
+            remedy=message("re2-has-no"),
         ) from error
 
 

@@ -30,9 +30,9 @@ class NdSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(1 <= self.axis <= 8, "laser.nd.axis", "a whole number from 1 to 8", self.axis)
-        require(self.resolution_mm > 0, "laser.nd.resolution_mm", "a number above 0", self.resolution_mm)
-        require(0 < self.poll_hz <= 100, "laser.nd.poll_hz", "a number above 0 and up to 100", self.poll_hz)
+        require(1 <= self.axis <= 8, "laser.nd.axis", message("whole-number-between", least=1, most=8), self.axis)
+        require(self.resolution_mm > 0, "laser.nd.resolution_mm", message("number-above-0"), self.resolution_mm)
+        require(0 < self.poll_hz <= 100, "laser.nd.poll_hz", message("number-up-to", most=100), self.poll_hz)
         require_sign(self.sign)
 
 

@@ -33,7 +33,7 @@ class QudisSettings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.qudis.axis", "1, 2 or 3", self.axis)
-        require(0 <= self.average <= 16, "laser.qudis.average", "a whole number from 0 to 16", self.average)
+        require(0 <= self.average <= 16, "laser.qudis.average", message("whole-number-between", least=0, most=16), self.average)
         require_sign(self.sign)
 
 
@@ -106,9 +106,9 @@ class QudisDecoder:
                 self._take(part, batch)
         return batch.samples(arrival_ns)
 
-    def _take(self, told: bytes, batch: Batch) -> None:
-        _, opcode, address, index, _ = _HEADER.unpack_from(told)
-        words = np.frombuffer(told, dtype="<u4", offset=_HEADER.size).astype(np.int64)
+    def _take(self, frame: bytes, batch: Batch) -> None:
+        _, opcode, address, index, _ = _HEADER.unpack_from(frame)
+        words = np.frombuffer(frame, dtype="<u4", offset=_HEADER.size).astype(np.int64)
         if opcode == _TELL and address == _DATA:
             self._add(index, words, batch)
         elif opcode == _TELL and _DATA < address < _DATA + _CHANNELS:

@@ -22,9 +22,9 @@ class TqdSettings:
     latency_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0 < self.poll_hz <= 200, "head.poll_hz", "a number above 0 and up to 200", self.poll_hz)
-        require(0 < self.full_sum_v <= 40, "head.full_sum_v", "a number above 0 and up to 40", self.full_sum_v)
-        require(0 <= self.beam_threshold < 1, "head.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
+        require(0 < self.poll_hz <= 200, "head.poll_hz", message("number-up-to", most=200), self.poll_hz)
+        require(0 < self.full_sum_v <= 40, "head.full_sum_v", message("number-up-to", most=40), self.full_sum_v)
+        require(0 <= self.beam_threshold < 1, "head.beam_threshold", message("number-below-1"), self.beam_threshold)
 
 
 _READINGS_REQUEST = struct.pack("<HBBBB", 0x0871, 0x03, 0x00, 0x50, 0x01)

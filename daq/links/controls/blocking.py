@@ -1,6 +1,6 @@
 """Protocols whose libraries wait for their answers: one thread a connection does the waiting, the event loop awaits its results.
 
-The thread does nothing but that. A library that hangs costs its thread alone: whoever asked is told after a limit, closes the connection,
+The thread does nothing but that. A library that hangs costs its thread alone: the caller gets an error after a limit, closes it,
 and the thread ends with it.
 """
 

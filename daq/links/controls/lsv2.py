@@ -14,12 +14,12 @@ from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
+from stepdiag.daq.links.ports.device import LARGEST_READ
 from stepdiag.daq.records.events import ReadRange
 
 if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
-_LARGEST_READ = 65536
 _LARGEST_ANSWER = 1_000_000
 """What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
@@ -68,7 +68,7 @@ class Lsv2Link(BlockingLink):
         if not values:
             remedy = message("do-symbolic")
             raise RefusedRequestError(
-                self._address, expected=message("expects-answer-to", what=what), found=_said(self._client), remedy=remedy
+                self._address, expected=message("expects-answer-to", what=what), found=_answer_of(self._client), remedy=remedy
             )
         return bytes(int(value) & 0xFF for value in values)
 
@@ -97,7 +97,7 @@ class _Line:
 
     def recv(self, count: int) -> bytes:
         """Return what there is. Raises ConnectionResetError at the end of the connection, ValueError for an answer without end."""
-        data: bytes = self.socket.recv(min(count, _LARGEST_READ))
+        data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
             raise ConnectionResetError("closed by the other end")
         self.answered += len(data)
@@ -152,7 +152,7 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
         raise _senseless(settings.address, error) from error
     if not allowed:
         remedy = message("do-password")
-        raise LostConnectionError(settings.address, expected=message("expects-login"), found=_said(client), remedy=remedy)
+        raise LostConnectionError(settings.address, expected=message("expects-login"), found=_answer_of(client), remedy=remedy)
     _socket(client).settimeout(settings.timeout_s)
 
 
@@ -178,7 +178,7 @@ def _senseless(address: str, error: Exception) -> DeviceError:
     return LostConnectionError(address, expected=message("expects-lsv2"), found=found, remedy=remedy)
 
 
-def _said(client: "LSV2") -> Message:
+def _answer_of(client: "LSV2") -> Message:
     """Return the name of the control's last refusal."""
     return message("found-refusal", what=client.last_error.e_code.name)
 
@@ -193,7 +193,7 @@ def _is_of_others(record: logging.LogRecord) -> bool:
 
 
 def _hush() -> None:
-    """Keep what the library logs, partly by the root logger, out of the journal: it comes back as errors, said once by the reconnector."""
+    """Keep what the library logs, partly by the root logger, out of the journal: its errors are reported once by the reconnector."""
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()

@@ -36,7 +36,7 @@ from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import stamp_ns
 
-logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, reported once by the reconnector
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from snap7.client import Client
     from snap7.error import S7Error
 
-logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
+logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes back as errors, reported once by the reconnector
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
@@ -110,7 +110,7 @@ class S7Link(BlockingLink):
         self._ask(message("writing-word", table=table, address=address), lambda: self._client.db_write(int(table[2:]), address, data))
 
     def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
-        """Do it, and have what the library raises said in words."""
+        """Do it, and raise what the library raises with a message."""
         from snap7.error import S7Error, S7TimeoutError
 
         try:

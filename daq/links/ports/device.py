@@ -42,7 +42,7 @@ class Device(Protocol):
     def read(self, *, ready: bool) -> bytes:
         """Return what there is; nothing where nothing came within `BUSY_WAIT_S`, or what came was no data of the line.
 
-        ``ready`` says that poll(2) told of something. Raises OSError where the line is gone.
+        ``ready`` is what poll(2) returned. Raises OSError where the line is gone.
         """
         ...
 

@@ -25,13 +25,13 @@ _T = TypeVar("_T")
 
 
 class Losses:
-    """What a line says it has lost, as it is told, not oftener than a person wants to hear it.
+    """What a line has lost, not reported oftener than a person wants to hear it.
 
-    Counts that only grow, since a line was opened, become what was lost since that was last said.
+    Counts that only grow, since a line was opened, become what was lost since the last report.
     """
 
     def __init__(self) -> None:
-        self._said: dict[LossKind, int] = {}
+        self._reported: dict[LossKind, int] = {}
         self._rests_until_s = 0.0
 
     def news(self, counted: Mapping[LossKind, int], now_s: float) -> tuple[Message, ...]:
@@ -39,10 +39,10 @@ class Losses:
 
         ``counted`` holds how often each kind of loss came since the line was opened.
         """
-        more = {kind: count - self._said.get(kind, 0) for kind, count in counted.items() if count > self._said.get(kind, 0)}
+        more = {kind: count - self._reported.get(kind, 0) for kind, count in counted.items() if count > self._reported.get(kind, 0)}
         if not more or now_s < self._rests_until_s:
             return ()
-        self._said |= counted
+        self._reported |= counted
         self._rests_until_s = now_s + EVERY_S
         return tuple(message(kind, count=count) for kind, count in more.items())
 

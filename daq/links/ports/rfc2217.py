@@ -37,7 +37,7 @@ class ComPort:
         self._asked: dict[int, bytes] = {}
         self._agreed: set[int] = set()
         self.speaks = False
-        """Whether the other side has said anything in Telnet."""
+        """Whether the other side has sent anything in Telnet."""
         self.refused: Message | None = None
         """Why the line cannot be used as asked; None while nothing speaks against it."""
 
@@ -57,7 +57,7 @@ class ComPort:
         return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(bytes((_IAC, _DO, option)) for option in _THEIRS)
 
     def answers(self) -> bytes:
-        """Return what is to be said to what was heard; once."""
+        """Return the answer to what was received; once."""
         data = bytes(self._answers)
         self._answers.clear()
         return data

@@ -19,7 +19,7 @@ from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder,
 ANSWER_TIMEOUT_S = 0.5
 """How long a polled instrument may take for the first byte of its answer."""
 PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
-"""Silence that ends an answer: longer than the 16 ms that a USB adapter may sit on bytes, unless it is told not to."""
+"""Silence that ends an answer: longer than the 16 ms that a USB adapter may sit on bytes, unless it is configured not to."""
 GATHER_S = 0.02
 """What arrives within so long is one chunk: a chunk for each of a thousand lines a second would cost an eighth of a core."""
 LARGEST_CHUNK = 16_384
@@ -32,7 +32,7 @@ _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
 Respond = Callable[[bytes], bytes]
-"""Takes what was heard, returns what is to be said to it; nothing where that is nothing."""
+"""Takes what was received, returns the answer to it; nothing where that is nothing."""
 OnChunk = Callable[[bytes, int], None]
 """Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
 
@@ -141,7 +141,7 @@ class PolledSerial:
 
 
 def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk) -> SerialStream | PolledSerial:
-    """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is told first."""
+    """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is sent first."""
     greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
     if not isinstance(decoder, PolledDecoder):
         responder = decoder.responder if isinstance(decoder, RespondingDecoder) else None

@@ -1,20 +1,31 @@
-"""One table with all that acts together with it: what they move, along an axis and over the volume."""
+"""One table with all that acts together with it: what they move along an axis and over the volume, and the regressions on what is asked."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
-from stepdiag.base.volume import Vector, Volume
-from stepdiag.exporters.safety.verdicts.measures import NODES, POINTS, centred, grid_mm
-from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, Volume, rms
+from stepdiag.exporters.safety.verdicts.regression import SIZED, SPIKE, SURE_UM, Fit, regress
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.tables import Table, correction_um, joined, mean_correction_um
 
+POINTS = 61
+"""Points along an axis at which two movements are compared."""
+NODES = 9
+"""Points along each axis at which two fields are compared."""
+COVERED = 0.5
+"""Share of the measured travel that a table has to cover."""
+_SHIFTED = 3
+"""With so many points from either end a table is tried at the ends of the travel: a wrong number or reference moves it by few points."""
+_EXCUSED = 0.25
+"""Share of a correction that its uncertainty may hide."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TableCase:
     """One table, all that act ``together`` with it, what acted ``before``, and the measured volume."""
 
@@ -22,25 +33,61 @@ class TableCase:
     together: Sequence[Table]
     before: Sequence[Table]
     volume: Volume
-    turn_um_mm: float = 0.0
-    """What a turn of the workpiece adds to the slope of the curve: nobody's error."""
 
     @property
     def is_slope(self) -> bool:
         """Return whether the table is one number, the slope of a straight line."""
         return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
 
-    def moved_um(self, position_mm: Vector) -> Vector:
-        """Return what the tables add to what was active, mean of both directions, steps joined by straight lines, in um.
+    def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
+        """Return the regression on a curve; None where the table does not cover half of the measured travel.
 
-        Of a product that counts which is the same everywhere in the volume: its mean over the other axis.
+        A table holds, at its own points, all that acted before and what the curve asks for, and straight lines between: more is not asked
+        of it. ``turn_um_mm`` is what a turn of the workpiece adds to the slope of the curve, which is no error.
         """
-        return self.sum_um(self.together, position_mm) - self.sum_um(self.before, position_mm)
+        first, last = curve.position_mm[[0, -1]]
+        own = curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
+        low, high = max(first, own[0]), min(last, own[-1])
+        if high - low < COVERED * (last - first):
+            return None
+        at = np.linspace(low, high, POINTS)
+        before, error = self._sum_um(self.before, at - shift_mm), curve.at(at)
+        held = np.interp(at, own, self._sum_um(self.before, own - shift_mm) - curve.at(own))
+        asked = centred(held - before)
+        moved = centred(self._sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
+        size, unheld = rms(centred(error)), rms(centred(held - before + error))
+        # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
+        sure = max(SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size))
+        bent = asked - np.polyval(np.polyfit(at, asked, 1), at)
+        return regress(
+            moved,
+            asked,
+            size_um=size,
+            sure_um=sure,
+            unheld_um=unheld,
+            spike_um=SPIKE * max(sure, 2.0 * typical_u(curve), SIZED * rms(bent), unheld),
+        )
 
-    def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
-        """Return what some of these tables do at positions, mean of both directions, steps joined by straight lines, in um."""
-        ways = [self._along(joined(each), position_mm, way) for each in tables for way in (1, -1)]
-        return np.asarray(sum(ways, np.zeros(position_mm.shape)) / 2.0)
+    def place_mm(self, curve: Curve, fit: Fit) -> float:
+        """Return the point of the table that is nearest to the largest rest of a regression on a curve."""
+        first, last = curve.position_mm[[0, -1]]
+        own = self.table.position_mm
+        at = np.linspace(max(first, own[0]), min(last, own[-1]), POINTS)[fit.largest_index]
+        return float(min(own, key=lambda mm: abs(mm - at)))
+
+    def slope_left_um_mm(self, curve: Curve) -> float:
+        """Return the slope in um/mm of what is left of a curve."""
+        at = np.linspace(curve.position_mm[0], curve.position_mm[-1], POINTS)
+        left = self._sum_um(self.together, at) - self._sum_um(self.before, at) + curve.at(at)
+        return float(np.polyfit(at, left, 1)[0])
+
+    def fit_product(self, result: Result, moving: int, by: int) -> Fit:
+        """Return the regression of what grows with the lever along ``by`` on the same part of the result's field."""
+        points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
+        moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
+        parts = (moved, -error_field_um(result, points))
+        done, asked = (growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by) for field in parts)
+        return regress(done, asked, sure_um=SURE_UM / 2.0)
 
     def unstepped(self, curve: Curve) -> Curve:
         """Return a residual without the steps of what acted while it was measured: no table asks for them (`tables.merge`)."""
@@ -48,47 +95,67 @@ class TableCase:
         if not stepped:
             return curve
         at = curve.position_mm
-        steps = sum(
-            ((correction_um(each, at, way) - correction_um(joined(each), at, way)) / 2.0 for each in stepped for way in (1, -1)), 0.0 * at
-        )
-        return replace(curve, forward_um=curve.at(at) - steps, reverse_um=None)
+        steps = sum((correction_um(each, at, way) - correction_um(joined(each), at, way) for each in stepped for way in (1, -1)), 0.0 * at)
+        return replace(curve, forward_um=curve.at(at) - steps / 2.0, reverse_um=None)
 
-    def at_own_points_um(self, curve: Curve, at: Vector, shift_mm: float) -> tuple[Vector, Vector]:
-        """Return what the tables add, and what the curve asks for, both as a table with the points of this one holds them.
+    def _sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
+        """Return what tables do at positions, mean of both directions, steps joined by straight lines, in um.
 
-        A table holds, at its own points, all that acted before and what the curve asks for, and straight lines between.
+        Of a product that counts which is the same everywhere in the volume: its mean over the other axis.
         """
-        own = self.table.position_mm + shift_mm
-        before = np.interp(at, own, self.sum_um(self.before, own - shift_mm))
-        added = self.sum_um(self.together, at - shift_mm) - self.turn_um_mm * at - before
-        return centred(added), centred(-np.interp(at, own, curve.at(own)))
+        return sum((self._along(joined(each), position_mm, way) / 2.0 for each in tables for way in (1, -1)), np.zeros(position_mm.shape))
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
         """Return what a table moves along the input axis of the judged one."""
         if table.multiplier is None:
             return correction_um(table, position_mm, way)
-        own, by = self.table.input_axis, table.multiplier.axis
-        moved = correction_um(table, position_mm if table.input_axis == own else self._travel_mm(table.input_axis), way)
-        times = table.multiplier.at(position_mm if by == own else self._travel_mm(by))
-        if table.input_axis != own:
-            moved = np.full(position_mm.shape, np.mean(moved))
-        return np.asarray(moved * (times if by == own else np.mean(times)))
+        own = self.table.input_axis
+        moved, times = (
+            values(position_mm) if axis == own else np.mean(values(self._travel_mm(axis)))
+            for axis, values in (
+                (table.input_axis, lambda at: correction_um(table, at, way)),
+                (table.multiplier.axis, table.multiplier.at),
+            )
+        )
+        return np.asarray(moved * times + np.zeros(position_mm.shape))
 
     def _travel_mm(self, letter: str) -> Vector:
         axis = AXES.index(letter.lower())
         return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(0.0, 1.0, POINTS)
 
-    def moved_field_um(self) -> Vector:
-        """Return what the tables add to what was active on the grid of `grid_mm`, along the output axis."""
-        points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
-        moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
-        return np.asarray(moved[:, axis].reshape(NODES, NODES, NODES))
 
-    def says(self, code: Code, words: Message, factor: float | None = None) -> Judgement:
-        return Judgement(
-            function=self.table.name,
-            table=self.table,
-            code=code,
-            words=message("of-table", label=self.table.label, what=words),
-            factor=factor,
-        )
+def cases_shifted(case: TableCase, low_mm: float, high_mm: float) -> Iterator[float]:
+    """Yield the shifts in mm that bring one of the first points of a table to the low end of the travel, or of the last to the high end."""
+    own = case.table.position_mm[:0] if case.table.law.ends == "extended" else case.table.position_mm
+    for shift in (*(low_mm - own[:_SHIFTED]), *(high_mm - own[-_SHIFTED:])):
+        if abs(shift) > 1e-6:
+            yield float(shift)
+
+
+def growing_um(values: Vector, moving: int, by: int) -> Vector:
+    """Return, at the nodes of the axis ``moving``, what of values on a grid grows with the lever along ``by``, at the end of the lever.
+
+    What a curve of one axis can hold, a mean along each axis, is taken off.
+    """
+    (other,) = {0, 1, 2} - {moving, by}
+    left = values - np.mean(values)
+    for axes in ((1, 2), (0, 2), (0, 1)):
+        left = left - np.mean(left, axis=axes, keepdims=True)
+    lever = np.linspace(-1.0, 1.0, NODES)
+    return np.asarray(np.mean(np.moveaxis(left, (moving, by, other), (0, 1, 2)), axis=2) @ lever / np.sum(lever**2))
+
+
+def grid_mm(volume: Volume) -> Vector:
+    """Return the points at which fields are compared, shape (nodes ** 3, 3), z fastest."""
+    axes = [low + size * np.linspace(0.0, 1.0, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def centred(values: Vector) -> Vector:
+    """Return values less their mean."""
+    return np.asarray(values - np.mean(values))
+
+
+def typical_u(curve: Curve) -> float:
+    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 where nothing is known of it."""
+    return rms(curve.u_um[np.isfinite(curve.u_um)])

@@ -1,25 +1,25 @@
-"""Is a table the one that the result asks for? Each is compared with what it should be, and with what goes wrong in practice.
+"""The verdict on every table of a set, and on every function without one: words and codes for what `regression` finds.
 
-The comparison looks at the movement that the control's law makes of the table, with its mean taken off (an origin is nobody's error), and
-at the curve that the export would write, as far as the table has points to hold it. What fits neither is tried turned in sign, as the
-table of another axis or function, shifted, and scaled.
+The comparison looks at the movement that the control's law makes of the table and of all that act beside it, and at the curve that the
+export would write, as far as the table has points to hold it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from stepdiag.base.messages import message
+from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.messages import Message, message
+from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Volume
+from stepdiag.base.volume import rms
 from stepdiag.exporters.safety.standing import Standing, unchanged
-from stepdiag.exporters.safety.verdicts.case import TableCase
-from stepdiag.exporters.safety.verdicts.curve import of_curve
-from stepdiag.exporters.safety.verdicts.measures import POINTS
-from stepdiag.exporters.safety.verdicts.product import of_product
-from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.safety.verdicts.wanted import Wanted
+from stepdiag.exporters.safety.verdicts.case import COVERED, TableCase, cases_shifted, centred, typical_u
+from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Cause, Explained, Fit, explain
+from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
+from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
+from stepdiag.exporters.tables.controller import Controller, Multiplying
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
@@ -32,43 +32,110 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
     """
     after, before = standing.acting(result, profile)
     wanted = Wanted(result)
-    turns = _turns(wanted, after, before, result.volume)
-    judged = []
-    for table in tables:
-        fault = _measuring_system(table, profile) or _kept(table, standing, profile)
-        if fault is None:
-            acting = [[each for each in some if _acts_with(each, table)] for some in (after, before)]
-            case = TableCase(table, acting[0], acting[1], result.volume, turns.get(table.name, 0.0))
-            fault = _emptied(case)
-        if fault is None:
-            fault = of_product(case, result) if table.multiplier is not None else of_curve(case, wanted, result.volume)
-        judged.append(fault)
+
+    def case_of(table: Table) -> TableCase:
+        together, then = ([each for each in some if _acts_with(each, table)] for some in (after, before))
+        return TableCase(table=table, together=together, before=then, volume=result.volume)
+
+    turns = _turns(wanted, [case_of(table) for table in after if table.multiplier is None])
+    judged = [
+        _measuring_system(table, profile)
+        or _kept(table, standing, profile)
+        or _emptied(case := case_of(table))
+        or (_of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, turns.get(table.name, 0.0)))
+        for table in tables
+    ]
     # a control has zeros for what nobody asked for, and zeros alone take every correction out, as restore files do
     asked = set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
     return tuple(replace(each, code="empty") if each.code == "missing" and each.function not in asked else each for each in judged)
 
 
-def _turns(wanted: Wanted, after: Sequence[Table], before: Sequence[Table], volume: Volume) -> dict[str, float]:
+def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
+    name = case.table.name
+    own = [case.unstepped(curve) for curve in (wanted.as_slope(name) if case.is_slope else wanted.of(name))]
+    if not own:
+        return _says(case, "unidentified", message("result-does-not-identify"))
+    axis = AXES.index(case.table.input_axis.lower())
+    low, high = case.volume.origin_mm[axis], case.volume.origin_mm[axis] + case.volume.size_mm[axis]
+    mirrored = f"E{name[2]}{name[1]}"
+    names = (mirrored, *(each for each in FUNCTIONS if each not in (name, mirrored)))
+    found = explain(
+        _fits(case, own),
+        _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
+        ((other, fit) for other in names if other != name for fit in _fits(case, wanted.of(other))),
+        ((shift, fit) for shift in cases_shifted(case, low, high) for fit in _fits(case, own, shift)),
+    )
+    first, last = case.table.position_mm[[0, -1]]
+    if found.cause in ("scaled", "unlike") and not case.is_slope and min(last, high) - max(first, low) < COVERED * (high - low):
+        return _says(case, "beside-volume", message("to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high))
+    if found.cause == "other" and found.fit is not None:
+        turned = found.fit.left(-1.0) < found.fit.left()
+        words = message("this-table-with-opposite", name=found.other) if turned else message("this-table", name=found.other)
+        return _says(case, "input-output-swapped" if found.other == mirrored else "axes-swapped", words)
+    if found.cause == "beside":
+        return _says(case, "beside-volume", message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last))
+    if found.cause == "spike" and found.fit is not None:
+        where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
+        return _says(case, "unlike", message("um-off-at-where", largest_um=found.fit.largest_um, where=where), found.fit)
+    return _plainly(case, found)
+
+
+def _of_product(case: TableCase, result: Result) -> Judgement:
+    """Return the judgement of a product table: it is compared with the part of the field that grows with the same lever."""
+    lever = case.table.multiplier
+    if lever is None or lever.axis == case.table.input_axis:
+        return _says(case, "right", message("lever-along-axis-itself"))
+    moving, by = (AXES.index(letter.lower()) for letter in (case.table.input_axis, lever.axis))
+    fit = case.fit_product(result, moving, by)
+    if fit.moved_um < fit.sure_um:
+        return _says(case, "empty", message("no-correction"))
+    return _plainly(case, explain([fit]))
+
+
+_CODES: Mapping[Cause, Code] = {"right": "right", "missing": "missing", "sign-turned": "sign-turned", "scaled": "scaled"}
+
+
+def _plainly(case: TableCase, found: Explained) -> Judgement:
+    """Return the judgement of a cause that one regression shows."""
+    code, fit = _CODES.get(found.cause, "unlike"), found.fit
+    if fit is None or code == "unlike":
+        return _says(case, "unlike", message("nothing-like-what-result"))
+    words = {
+        "right": message("what-result-asks-for"),
+        "missing": message("no-correction-where-result", names_um=fit.size_um),
+        "sign-turned": message("right-shape-with-opposite"),
+    }.get(code)
+    if words is None:
+        factor = abs(fit.factor)
+        words = message("right-shape-times-as", factor=factor) if fit.factor < 0 else message("right-shape-other-size", factor=factor)
+    if code == "right":
+        return _says(case, code, words, fit)
+    return _says(case, code, words, factor={"sign-turned": -1.0, "scaled": fit.factor}.get(code))
+
+
+def _says(case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None) -> Judgement:
+    """Return a judgement with the figures of a regression."""
+    label = message("of-table", label=case.table.label, what=words)
+    if fit is None:
+        return Judgement(function=case.table.name, table=case.table, code=code, words=label, factor=factor)
+    return Judgement(
+        function=case.table.name, table=case.table, code=code, words=label, factor=fit.factor, rms_um=fit.rest_um, largest_um=fit.largest_um
+    )
+
+
+def _fits(case: TableCase, curves: Iterable[Curve], shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> list[Fit]:
+    return [fit for curve in curves if (fit := case.fit(curve, shift_mm, turn_um_mm)) is not None]
+
+
+def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     """Return, for each two functions of one pair of axes that both have tables, the slopes in um/mm that are a turn of the workpiece.
 
     Old tables, levers and the choice of the function that holds a squareness move such a turn from one calibration into the next: it raises
     one function by as much as it lowers the other.
     """
-    found: dict[str, float] = {}
-    for one, other in (("EXY", "EYX"), ("EXZ", "EZX"), ("EYZ", "EZY")):
-        slopes = []
-        for name in (one, other):
-            tables = [table for table in after if table.name == name and table.multiplier is None]
-            curves = wanted.of(name)
-            if tables and curves:
-                acting = [[each for each in some if _acts_with(each, tables[0])] for some in (after, before)]
-                first, last = curves[0].position_mm[[0, -1]]
-                at = np.linspace(first, last, POINTS)
-                off = TableCase(tables[0], acting[0], acting[1], volume).moved_um(at) + curves[0].at(at)
-                slopes.append(float(np.polyfit(at, off, 1)[0]))
-        if len(slopes) == 2:
-            found |= {one: (slopes[0] - slopes[1]) / 2.0, other: (slopes[1] - slopes[0]) / 2.0}
-    return found
+    left = {case.table.name: case.slope_left_um_mm(curves[0]) for case in cases if (curves := wanted.of(case.table.name))}
+    pairs = [(name, f"E{name[2]}{name[1]}") for name in left if name[1] != name[2]]
+    return {one: (left[one] - left[other]) / 2.0 for one, other in pairs if other in left}
 
 
 def _acts_with(one: Table, other: Table) -> bool:
@@ -76,9 +143,7 @@ def _acts_with(one: Table, other: Table) -> bool:
 
     Products of one function and lever count together, wherever they stand: a new one may do the work of an old one under other numbers.
     """
-    if other.multiplier is not None:
-        return one.multiplier is not None and one.name == other.name and one.multiplier.axis == other.multiplier.axis
-    if one.multiplier is None:
+    if one.multiplier is None or other.multiplier is not None:
         return one.name == other.name
     return one.output_axis == other.output_axis and other.input_axis in (one.input_axis, one.multiplier.axis)
 
@@ -105,4 +170,42 @@ def _emptied(case: TableCase) -> Judgement | None:
     """Return a judgement of zeros beside another table that does the work."""
     if case.table.value_um.any() or not any(each.value_um.any() for each in case.together):
         return None
-    return case.says("empty", message("zeros-nothing-acts-from"))
+    return _says(case, "empty", message("zeros-nothing-acts-from"))
+
+
+def judge_missing(result: Result, controller: Controller, new: Sequence[Table], profile: Profile) -> Iterator[Judgement]:
+    """Yield a judgement for each function of the profile that the result asks for, that this control holds, and that ``new`` lacks.
+
+    Files that correct nothing lack nothing: they take old tables out. Without a profile the files may hold each squareness in either of
+    its two functions; the distribution counts that lacks least.
+    """
+    if not any(table.value_um.any() for table in new):
+        return
+    held = {table.name for table in new}
+    other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
+    folds = (FOLD_DEFAULT, other) if profile.assumed else (profile.machine.squareness_into,)
+    lacking = [[curve for curve in _asked(result, controller, profile, fold) if curve.name not in held] for fold in folds]
+    for curve in min(lacking, key=len):
+        name, size_um = curve.name, rms(centred(curve.mean_um))
+        words = message("no-table-though-asked", name=name, size_um=size_um)
+        if profile.assumed:
+            words = message("no-table-for-it", name=name, size_um=size_um)
+        yield Judgement(function=name, table=None, code="missing", words=words)
+
+
+def _asked(result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]) -> Iterator[Curve]:
+    """Yield the curves of a profile that the result knows, that are more than rounding, and that the control has tables for."""
+    known = [name for name in profile.machine.functions if is_known(result, name, fold)]
+    fit = fitted(result, known, fold, profile.zone)
+    try:
+        if isinstance(controller, Multiplying):
+            plan = controller.plan_products(fit.curves, fit.products, profile)
+        else:
+            plan = controller.plan(fit.curves, profile)
+    except (SafetyError, UsageError):  # a profile whose tables cannot be made does not show what the control holds
+        return
+    planned = {table.name: table for table in plan.tables}
+    for curve in fit.curves:
+        table = planned.get(curve.name)
+        if table is not None and rms(centred(curve.mean_um)) >= max(SURE_UM, table.quantum_um, 2.0 * typical_u(curve)):
+            yield curve

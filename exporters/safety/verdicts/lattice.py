@@ -9,17 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verdicts.case import NODES, grid_mm, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um
+from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
@@ -43,28 +41,6 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
     known = replace(result, errors={**result.errors, **result.expected})
     tables = (*curves, *_products(moved_um, result.volume))
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
-
-
-def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | None:
-    """Return what is wrong with a lattice as a whole, at its vertices in the volume: turned in sign, scaled, or of something else."""
-    points = _vertices_mm(result.volume, axes_mm)
-    asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
-    moved = without_rigid_motion(result.volume, points, moved_um(points))
-    size, size_moved = rms(asked), rms(moved)
-    if max(size, size_moved) < SURE_UM or rms(moved - asked) <= SAME * size or size_moved < SURE_UM / 2:
-        return None
-    common = float(np.mean(moved * asked))
-    if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
-        return finding("error", message("lattice-unlike"))
-    factor = common / size**2
-    text = message("lattice-unlike.turned", factor=abs(factor)) if factor < 0 else message("lattice-unlike.scaled", factor=abs(factor))
-    return finding("error", text)
-
-
-def _vertices_mm(volume: Volume, axes_mm: Axes) -> Vector:
-    """Return the vertices of a lattice in the volume and where its lines leave it, shape (n, 3): all that it can be asked to hold."""
-    inside = [np.unique(np.clip(axis, low, low + size)) for axis, low, size in zip(axes_mm, volume.origin_mm, volume.size_mm, strict=True)]
-    return np.stack(np.meshgrid(*inside, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:

@@ -48,7 +48,7 @@ class Judgement:
             "function": self.function,
             "kind": None if table is None else table.kind,
             "place": {} if table is None else dict(table.place),
-            "law": None if table is None else table.law.describe(),
+            "law": None if table is None else str(table.law.words),
             "verdict": self.code,
             "factor": None if self.factor is None else round(self.factor, 4),
             "rms_um": None if self.rms_um is None else round(self.rms_um, 3),

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from stepdiag.base.errors import DataError
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
@@ -18,7 +20,7 @@ class Wanted:
         for fold in (FOLD_DEFAULT, other):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
             for curve in fitted(result, known, fold).curves:
-                self._curves[curve.name].append(curve)
+                self._curves[curve.name].append(_with_slope_u(curve, result))
 
     def of(self, name: str) -> list[Curve]:
         return self._curves.get(name, [])
@@ -28,6 +30,13 @@ class Wanted:
         plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
+
+
+def _with_slope_u(curve: Curve, result: Result) -> Curve:
+    """Return a curve whose uncertainty holds that of the squareness in its slope, about the middle of its travel."""
+    squares = [result.squareness[part].u or 0.0 for part in curve.parts if part in result.squareness]
+    lever_mm = curve.position_mm - np.mean(curve.position_mm[[0, -1]])
+    return replace(curve, u_um=np.hypot(curve.u_um, sum(squares) * lever_mm / 1000.0))
 
 
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:

@@ -4,28 +4,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.base.volume import Vector, Volume, nodes_to_mm
+from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """One setup of a survey: how often it is driven out (and back), and how far its beam lies from the usual line."""
+    """One setup of a survey: how often it is driven out (and back), and where.
+
+    ``beam_offset_mm``: how far its line lies from the usual one. Axes that stand in the setup stand so far from their low end; across the
+    travel of the others it is the beam that lies beside it. ``axis_orders``: in which order a step diagonal moves its axes, for its
+    repeats in turn, that of the plan where there is none. ``targets``: of a linear run, about so many and irregular (`irregular_mm`);
+    0: the nodes.
+    """
 
     setup: str
     repeats: int = 1
     return_pass: bool = True
     beam_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis_orders: tuple[str, ...] = ()
+    targets: int = 0
 
     @property
     def is_fourdof(self) -> bool:
         """Tell whether the four-degree-of-freedom head makes this run."""
-        return setup_of(self.setup, "plan: setup").is_fourdof
+        return self.travel.is_fourdof
+
+    @property
+    def travel(self) -> Setup:
+        """Return its setup as a value. Raises ``UsageError`` for a name that is none."""
+        return setup_of(self.setup, "plan: setup")
 
     @property
     def pass_numbers(self) -> range:
@@ -35,7 +49,8 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a survey goes. ``setup_min``: minutes to place and align the optics for one setup, by kind of setup.
+    """How fast a survey goes. ``diagonal_setup_min`` and the like: minutes to place and align the optics for one setup of a kind;
+    ``beam_shift_min``: for the same setup on another line, where it stands.
 
     The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of it for setting up.
     """
@@ -63,25 +78,45 @@ class Plan:
         runs = list(self.runs)
         for run in added:
             taken = {other.setup for other in runs}
-            names = map(setup_of(run.setup, "plan: setup").shifted, range(len(taken) + 1))
+            names = map(run.travel.shifted, range(len(taken) + 1))
             runs.append(replace(run, setup=next(name for name in names if name not in taken)))
         return replace(self, runs=tuple(runs))
 
+    def run_of(self, setup: str) -> Run:
+        """Return the run of a setup; one that is not planned goes along its usual line. Raises ``UsageError`` for a name that is none."""
+        return next((run for run in self.runs if run.setup == setup), Run(setup=setup))
 
-def run_stops_mm(plan: Plan, run: Run) -> Vector:
-    """Return the commanded positions of the outward pass of a run, shape (stops, 3)."""
-    return _stops(plan, setup_of(run.setup, "plan: setup"))
+
+def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
+    """Return the commanded positions of a pass of a run in the order of travel, shape (stops, 3)."""
+    setup, order = run.travel, order_of(plan, run, number)
+    signs, size = np.array(setup.signs), np.array(plan.volume.size_mm)
+    if run.targets and setup.kind == "linear":
+        axis = AXES.index(setup.axis)
+        at_mm = irregular_mm(plan.volume, axis, run.targets)
+        stops = np.tile(np.array(plan.volume.origin_mm), (len(at_mm), 1))
+        stops[:, axis] = at_mm
+    else:
+        stops = nodes_to_mm(plan.volume, _nodes(plan.volume.increments, setup, order))
+    stops = stops + np.where((signs == 0) & (size > 0), run.beam_offset_mm, 0.0)
+    return stops if number % 2 else stops[::-1]
 
 
-def _stops(plan: Plan, setup: Setup) -> Vector:
-    n, signs = plan.volume.increments, np.array(setup.signs)
-    moving = [AXES.index(letter) for letter in plan.axis_order if signs[AXES.index(letter)]]
+def order_of(plan: Plan, run: Run, number: int) -> str:
+    """Return the order in which a pass moves the axes: a way out and its way back have the same."""
+    orders = run.axis_orders or (plan.axis_order,)
+    return orders[(number - 1) // 2 % len(orders)]
+
+
+def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:
+    signs = np.array(setup.signs)
+    moving = [AXES.index(letter) for letter in order if signs[AXES.index(letter)]]
     together = setup.kind == "body"
     moves = np.zeros((n if together else n * len(moving), 3), dtype=np.int64)
     for place, axis in enumerate(moving):
         moves[(slice(None) if together else slice(place, None, len(moving))), axis] = 1
     walked = np.vstack([np.zeros(3, dtype=np.int64), np.cumsum(moves, axis=0)])
-    return nodes_to_mm(plan.volume, np.where(signs < 0, n - walked, walked))
+    return np.where(signs < 0, n - walked, walked)
 
 
 def run_minutes(plan: Plan, run: Run) -> float:
@@ -93,16 +128,17 @@ def run_minutes(plan: Plan, run: Run) -> float:
     back_mm = float(np.linalg.norm(stops[-1] - stops[0]))
     # without return passes the machine still has to go back before it can start again
     idle = 0.0 if run.return_pass else (run.repeats - 1) * back_mm / pace.feed_mm_min
-    return setup_minutes(pace, run) + len(run.pass_numbers) * one_pass + idle
+    return setup_minutes(plan, run) + len(run.pass_numbers) * one_pass + idle
 
 
-def setup_minutes(pace: Pace, run: Run) -> float:
-    """Return the minutes to set up: a beam shifted on a setup that stands needs no new alignment of the mirror."""
+def setup_minutes(plan: Plan, run: Run) -> float:
+    """Return the minutes to set up: what stands already needs no new alignment on another line."""
+    pace, setup = plan.pace, run.travel
+    before = plan.runs[: plan.runs.index(run)] if run in plan.runs else plan.runs
+    if any(other.travel.base == setup.base for other in before):
+        return pace.beam_shift_min
     if run.is_fourdof:
         return pace.fourdof_setup_min
-    setup = setup_of(run.setup, "plan: setup")
-    if any(run.beam_offset_mm):
-        return pace.beam_shift_min
     return pace.linear_setup_min if setup.kind == "linear" else pace.diagonal_setup_min
 
 
@@ -132,13 +168,19 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     )
 
 
+def beam_mm(plan: Plan, run: Run) -> Vector:
+    """Return a point of the beam line of a run, shape (3,): where its first stop would be on the usual line, and beside it."""
+    usual = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0]
+    beam: Vector = usual + np.array(run.beam_offset_mm)
+    return beam
+
+
 def _passes(plan: Plan, run: Run) -> Sequence[tuple[Run, int, Vector, Vector]]:
-    outward = run_stops_mm(plan, run)
-    beam = outward[0] + np.array(run.beam_offset_mm)
-    return [(run, number, outward if number % 2 else outward[::-1], beam) for number in run.pass_numbers]
+    beam = beam_mm(plan, run)
+    return [(run, number, run_stops_mm(plan, run, number), beam) for number in run.pass_numbers]
 
 
 def _direction(plan: Plan, run: Run) -> Vector:
-    travel = np.array(setup_of(run.setup).signs) * np.array(plan.volume.size_mm)
+    travel = np.array(run.travel.signs) * np.array(plan.volume.size_mm)
     unit: Vector = travel / np.linalg.norm(travel)
     return unit

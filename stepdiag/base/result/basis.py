@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from stepdiag.base.result.interval import with_expanded
 from stepdiag.base.result.members import Assumed, Lengths, LengthsReport
 from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written
@@ -68,4 +69,4 @@ def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
 
 def scales_in_words(scales: Scales) -> str:
     """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
-    return ", ".join(f"{axis} {value:+.1f} ± {expanded:.1f}" for axis, value, expanded in scales)
+    return ", ".join(f"{axis} {with_expanded(value, expanded, sign='+')}" for axis, value, expanded in scales)

@@ -173,7 +173,7 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     Raises UsageError for a name that is no diagonal, or distances that leave the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
-        raise UsageError("diagonal", expected=message("expects-one-of", names=BODY_DIAGONALS), found=repr(diagonal))
+        raise UsageError("diagonal", expected=message("one-of", names=BODY_DIAGONALS), found=repr(diagonal))
     size, origin = np.asarray(result.volume.size_mm), np.asarray(result.volume.origin_mm)
     length = float(np.linalg.norm(size))
     if distance_mm.min() < -BEYOND_MM or distance_mm.max() > length + BEYOND_MM:

@@ -15,7 +15,7 @@ def parse_finding(node: Node) -> Finding:
     node.only(_NAMES)
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):
-        node.child("severity").refuse("info, warning or error")
+        node.child("severity").refuse(message("severity-names"))
     if node.strict and node.text("action") not in get_args(Action):
         node.child("action").refuse(", ".join(get_args(Action)))
     tree = node.mapping()

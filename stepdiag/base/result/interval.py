@@ -71,3 +71,16 @@ class Predicted:
 def decimals_of(um: float) -> int:
     """Return how many decimals a figure in um is worth: two digits, a tenth at the finest."""
     return 0 if abs(um) >= 9.95 else 1
+
+
+def decimals_of_u(expanded: float) -> int:
+    """Return how many decimals an expanded uncertainty and its value are worth: two significant digits of U (JCGM 100:2008, 7.2.6)."""
+    if not 0.0 < expanded < math.inf:
+        return 2
+    return max(0, 1 - int(f"{expanded:.1e}".partition("e")[2]))
+
+
+def with_expanded(value: float, expanded: float, *, sign: str = "-") -> str:
+    """Return a value with its U (k = 2) as written everywhere; ``sign`` as in a format, "+" shows that of a positive value."""
+    decimals = decimals_of_u(expanded)
+    return f"{value:{sign}.{decimals}f} ± {expanded:.{decimals}f}"

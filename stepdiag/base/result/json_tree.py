@@ -54,7 +54,7 @@ class Node:
 
     def mapping(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
-            self.refuse("an object")
+            self.refuse(message("an-object"))
         return self.value
 
     def child(self, name: str) -> "Node":
@@ -75,7 +75,7 @@ class Node:
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:
             place = f"{self.source}: {self.path}.{unknown}" if self.path else f"{self.source}: {unknown}"
-            raise DataError(place, expected=message("expects-one-of", names=list(known)), found=message("unknown-member"))
+            raise DataError(place, expected=message("one-of", names=list(known)), found=message("unknown-member"))
 
     def items(self) -> list["Node"]:
         if not isinstance(self.value, list):

@@ -15,9 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
+NAMES = frozenset((*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z"))
+"""What differs from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
 """Numbers of it are written to this many decimals."""
 
@@ -99,9 +102,12 @@ def parse_posterior(root: Node) -> Posterior:
     root.only(("position_mm", "offset", "modes", "rest", "between_um", "sized"))
     root.child("position_mm").only("XYZ")
     positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
+    for part in ("offset", "modes", "rest", "between_um"):
+        if unknown := sorted(root.child(part).mapping().keys() - NAMES):
+            root.child(part).child(unknown[0]).refuse(", ".join(sorted(NAMES)))
     for axis, position in positions.items():
         if len(position) < 2 or np.any(np.diff(position) <= 0):
-            root.child("position_mm").child(axis).refuse("at least two ascending positions")
+            root.child("position_mm").child(axis).refuse(message("two-ascending"))
 
     def size(name: str) -> int:
         return len(positions[name[2]]) if name[0] == "E" else 1
@@ -120,7 +126,7 @@ def parse_posterior(root: Node) -> Posterior:
         for name in root.child("modes").mapping()
     }
     if len({len(values) for values in modes.values()}) > 1:
-        root.child("modes").refuse("as many modes for every name")
+        root.child("modes").refuse(message("equal-modes"))
     between = {name: _parse_between(root.child("between_um").child(name)) for name in root.child("between_um").mapping()}
     count = max((len(values) for values in modes.values()), default=0)
     return Posterior(
@@ -139,7 +145,7 @@ def _parse_between(node: Node) -> Vector:
         return np.array([node.number()])
     sizes = node.numbers()
     if not len(sizes):
-        node.refuse("one size at least")
+        node.refuse(message("one-size-at-least"))
     return sizes
 
 
@@ -147,5 +153,5 @@ def _parse_sizes(node: Node, most: int) -> UnknownSize:
     node.only(("scale", "shift"))
     scale, shift = ([one.numbers() for one in node.child(part).items()] for part in ("scale", "shift"))
     if not scale or len(scale) != len(shift) or len({len(one) for one in (*scale, *shift)}) > 1 or len(scale[0]) > most:
-        node.refuse("as many rows of scale as of shift, one number a mode at most")
+        node.refuse(message("rows-of-scale"))
     return UnknownSize(scale=np.array(scale), shift=np.array(shift))

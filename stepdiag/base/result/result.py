@@ -295,9 +295,9 @@ def _volume(node: Node) -> Volume:
     if len(origin.numbers()) != 3:
         origin.refuse(message("three-numbers"))
     if len(size.numbers()) != 3 or min(size.numbers()) < 0 or max(size.numbers()) == 0:
-        size.refuse("three numbers, 0 for an axis without travel")
+        size.refuse(message("three-sizes"))
     if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:
-        increments.refuse(f"a whole number from 1 to {MOST_INCREMENTS}")
+        increments.refuse(message("whole-number-from-one", most=MOST_INCREMENTS))
     x, y, z = origin.numbers().tolist()
     a, b, c = size.numbers().tolist()
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=increments.value)
@@ -315,7 +315,7 @@ def _chain(root: Node) -> str:
 def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Function]:
     for name in node.mapping():
         if name not in known:
-            node.child(name).refuse("a function named " + ", ".join(known))
+            node.child(name).refuse(message("function-named", names=list(known)))
     for name in required:
         node.child(name)
     return {name: _function(node.child(name), "um" if name in DISPLACEMENTS else "urad") for name in node.mapping()}
@@ -328,7 +328,7 @@ def _function(node: Node, unit: str) -> Function:
     # an axis that did not travel stands at one position, and has no values
     least = 2 if node.child("value").value is not None else 1
     if len(position) < least or np.any(np.diff(position) <= 0):
-        node.child("position_mm").refuse("at least two ascending positions")
+        node.child("position_mm").refuse(message("two-ascending"))
     known: dict[str, Vector | None] = {}
     for name in _NUMBER:
         column = node.child(name) if node.strict or name in node.mapping() or name != "u_readings" else None
@@ -366,5 +366,5 @@ def _scale(node: Node) -> Scale:
     identified = node.child("identified").truth()
     value = _optional(node.child("value"))
     if identified != (value is not None):
-        node.refuse("a value exactly where identified is true")
+        node.refuse(message("value-where-identified"))
     return Scale(value=value, u=_optional(node.child("u")), identified=identified, u_readings=_readings_u(node))

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Message, Words, message_json, message_of
+from stepdiag.base.messages import Message, Words, message, message_json, message_of
 from stepdiag.base.result.finding import parse_finding
 from stepdiag.base.result.json_tree import Node
 
@@ -102,7 +102,7 @@ def read(node: Node, kind: Any) -> Any:
         return None if node.value is None else read(node, kind)
     if origin is Literal:
         if not isinstance(node.value, str) or node.value not in parts:
-            node.refuse("one of " + ", ".join(parts))
+            node.refuse(message("one-of", names=list(parts)))
         return node.value
     if origin is dict:
         return _entries(node, list(node.mapping()), *parts)

@@ -31,7 +31,7 @@ async function ask(address) {
 async function list() {
   const files = await ask("/downloads.json");
   if (files === null) return;
-  const report = files.filter(({ kind }) => kind === "report");
+  const report = files.filter(({ kind }) => kind === "report" || kind === "certificate");
   const bundles = files.filter(({ kind }) => kind === "bundle" || kind === "restore");
   const controls = [...new Set(bundles.map(({ group }) => group))];
   const place = document.getElementById("bundles");

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.report.drawings import svg
-from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 
 Vector = NDArray[np.float64]
 

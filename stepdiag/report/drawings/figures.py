@@ -12,10 +12,10 @@ from stepdiag.base.volume import Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
+from stepdiag.texts.texts import UNITS
 
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
-UNITS = {"um": "µm", "urad": "µrad", "um/m": "µm/m"}
 """Units of the result as a person writes them."""
 
 

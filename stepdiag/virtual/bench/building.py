@@ -142,6 +142,7 @@ def build_plan(config: BenchConfig) -> Plan:
         overrun_mm=program.overrun_mm,
         first_overrun=program.first_overrun,
         pause_s=program.pause_s if program.start == "auto" else None,
+        commission_s=program.commission_s,
     )
 
 
@@ -204,6 +205,7 @@ def _stand_up(config: BenchConfig, part: HeadPart, machine: Machine, box: Box, s
     stand = HeadStand(start.point_mm(vertex)[0] - part.standoff_mm * beam, beam, right, up)
     disturbance = Disturbance(
         pointing_urad=Wander(amplitude=part.pointing_urad, period_s=part.pointing_period_s, seed=config.seed),
+        wobble_urad=Wander(amplitude=part.wobble_urad, period_s=part.wobble_period_s, seed=config.seed + 2),
         bending_urad_m=Wander(amplitude=part.bending_urad_m, period_s=part.bending_period_s, seed=config.seed + 1),
     )
     return VirtualHead(part.optics, stand, start, vertex_mm=vertex, disturbance=disturbance, seed=config.seed)

@@ -58,6 +58,7 @@ class ProgramPart(_Part, frozen=True):
     patient: bool = False
     decimals: int | None = None
     incremental: bool = False
+    commission_s: Three | None = None
     beam_offset: tuple[OffsetPart, ...] = ()
 
 
@@ -164,6 +165,8 @@ class HeadPart(_Part, frozen=True):
     beam_mrad: float = 0.0
     pointing_urad: float = 0.0
     pointing_period_s: float = 300.0
+    wobble_urad: float = 150.0
+    wobble_period_s: float = 25.0
     bending_urad_m: float = 0.0
     bending_period_s: float = 60.0
 

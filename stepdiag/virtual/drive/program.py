@@ -34,6 +34,7 @@ class Step:
     counts: int = 0
     signalled: bool = True
     beam: bool = True
+    wobbled: bool = False
     alarm: bool = False
 
 
@@ -53,6 +54,8 @@ class Plan:
     overrun_mm: float = 5.0
     first_overrun: bool = True
     pause_s: float | None = 2.0
+    commission_s: tuple[float, float, float] | None = None
+    """Where the first pass of a run of the head commissions it on its way: how long it stands at a jog, wobbled and without light."""
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
@@ -106,6 +109,8 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
         stuck = stuck or faults.take("count-stuck", *place) is not None
         if stop and (hold := faults.take("feed-hold", *place)):
             yield from _feed_hold(driven, stop, hold.duration_s)
+        if plan.commission_s and driven.number == 1 and driven.setup.startswith("fourdof"):
+            yield from _commissioning(plan.commission_s, driven, stop)
         if not faults.take("stop-skipped", *place):
             yield from _stop_steps(plan, driven, stop, faults, stuck=stuck)
         aborted = faults.take("program-aborted", *place)
@@ -115,6 +120,32 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
         stop = max(0, stop - int(aborted.value))
         yield Step(kind="pause", setup=driven.setup, pass_number=driven.number, duration_s=aborted.duration_s, alarm=True)
         yield from _approach(plan, driven, stop)
+
+
+def _commissioning(stand_s: tuple[float, float, float], driven: DrivenPass, stop: int) -> Iterator[Step]:
+    """Jog the other axes at the near end, before the second stop, and at the far end, before the last; wobble, and block there."""
+    ends = [end for end, at in ((0, 1), (-1, len(driven.stop_mm) - 1)) if stop == at]
+    for end in ends:
+        move = Step(kind="move", target_mm=driven.stop_mm[end], setup=driven.setup, pass_number=driven.number)
+        for beside, seconds in _jogs(axis_of_run(driven.setup) or 0, stand_s[0]):
+            yield replace(move, target_mm=driven.stop_mm[end] + beside)
+            if seconds:
+                yield replace(move, kind="dwell", target_mm=driven.stop_mm[end] + beside, duration_s=seconds, signalled=False)
+        yield replace(move, kind="dwell", duration_s=stand_s[1], signalled=False, wobbled=True)
+        if end == -1:
+            yield replace(move, kind="dwell", duration_s=stand_s[2], signalled=False, beam=False)
+
+
+def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
+    """Yield places beside the line and how long the machine stands there; each place is come to from below."""
+    first, second = (np.eye(3)[other] for other in range(3) if other != axis)
+    lead = -0.4 * (first + second)
+    for across in (first, second):
+        yield lead, 0.0
+        for place in (-0.3, -0.15, 0.0, 0.15, 0.3):
+            yield place * across, stand_s
+    yield lead, 0.0
+    yield 0.0 * lead, stand_s
 
 
 def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:

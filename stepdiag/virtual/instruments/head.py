@@ -41,14 +41,18 @@ class Wander:
 class SpotDetector:
     """How a detector stands and counts.
 
-    ``sign`` per axis is what fold mirrors and splitters make of right and up, ``rotation_mrad`` its roll, x towards y. ``noise`` is that
-    of difference and sum as a part of the full sum.
+    ``sign`` per axis is what fold mirrors and splitters make of right and up, ``rotation_mrad`` its roll, x towards y, ``gain`` that of
+    its differences. As parts of the full sum: ``noise`` of difference and sum, what both read without light (``dark``), and the
+    ``ceiling`` beyond which the electronics count no sum.
     """
 
     sign: Pair = (1.0, 1.0)
     rotation_mrad: float = 0.0
+    gain: Pair = (1.0, 1.0)
     full_sum: float = 1_000_000.0
     noise: float = 2e-6
+    dark: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ceiling: float = math.inf
 
     def face_mm(self, spot_mm: Array) -> Array:
         """Return where a spot (N, 2) lies in the detector's own axes, shape (N, 2)."""
@@ -60,21 +64,25 @@ class SpotDetector:
 
     def counts(self, response: Array, light: Array, rng: np.random.Generator) -> Counts:
         """Return difference x, difference y and sum for responses (N, 2) in -1 .. 1 and light (N,) in 0 .. 1, shape (N, 3)."""
-        ideal = np.column_stack([response * light[:, None], light])
+        ideal = np.column_stack([response * np.array(self.gain) * light[:, None], light]) + np.array(self.dark)
         noisy = ideal + rng.normal(scale=self.noise, size=ideal.shape)
-        return np.round(noisy * self.full_sum).astype(np.int64)
+        noisy[:, 2] = np.minimum(noisy[:, 2], self.ceiling)
+        counted: Counts = np.round(noisy * self.full_sum).astype(np.int64)
+        return counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadOptics:
     """The fixed unit. Radii are those of the Gaussian beam at 1/e2, the waist lies at the source.
 
+    ``spot_growth_per_m`` is what the radius grows by beside that, a metre of distance, as behind a poor collimator.
     ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD answers linearly over ``psd_half_mm`` each way;
     ``psd*_defocus_mm`` is how far it stands behind the focus of its lens, which stands in the source's plane.
     """
 
     wavelength_nm: float = 635.0
     waist_mm: float = 2.0
+    spot_growth_per_m: float = 0.0
     qd_path_mm: float = 60.0
     psd1_focal_mm: float = 150.0
     psd2_focal_mm: float = 150.0
@@ -88,7 +96,8 @@ class HeadOptics:
     def spot_radius_mm(self, path_mm: Array) -> Array:
         """Return the beam's radius after a path, shape (N,)."""
         rayleigh_mm = math.pi * self.waist_mm**2 / (self.wavelength_nm * 1e-6)
-        radius: Array = self.waist_mm * np.sqrt(1.0 + (path_mm / rayleigh_mm) ** 2)
+        poor = 1.0 + 0.5e-3 * self.spot_growth_per_m * path_mm
+        radius: Array = self.waist_mm * poor * np.sqrt(1.0 + (path_mm / rayleigh_mm) ** 2)
         return radius
 
 
@@ -123,9 +132,13 @@ class Spots:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What spoils the beam: the source's pointing (urad) and air that bends it on its way out and back (urad per metre)."""
+    """What spoils the beam: the source's pointing (urad) and air that bends it on its way out and back (urad per metre).
+
+    ``wobble_urad`` is the pointing by the hand of somebody who commissions the head, while he does so.
+    """
 
     pointing_urad: Wander = field(default_factory=Wander)
+    wobble_urad: Wander = field(default_factory=Wander)
     bending_urad_m: Wander = field(default_factory=Wander)
 
 
@@ -155,17 +168,22 @@ class VirtualHead:
         still = np.zeros((1, 2))
         self._centre = self._trace(aligned, still, still)
 
-    def spots(self, pose: Pose, time_s: Array) -> Spots:
+    def spots(self, pose: Pose, time_s: Array, wobbled: Array | None = None) -> Spots:
         """Return the spots, relative to their centred places, for poses of the carrying frame at these times."""
         pointing = self._disturbance.pointing_urad.at(time_s) * 1e-6
+        if wobbled is not None:
+            pointing = pointing + wobbled[:, None] * self._disturbance.wobble_urad.at(time_s) * 1e-6
         bending = self._disturbance.bending_urad_m.at(time_s) * 1e-9
         traced, centre = self._trace(pose, pointing, bending), self._centre
         return Spots(traced.qd_mm - centre.qd_mm, traced.psd1_mm - centre.psd1_mm, traced.psd2_mm - centre.psd2_mm, traced.path_mm)
 
-    def channels(self, pose: Pose, time_s: Array, light: Array | None = None) -> Counts:
-        """Return x, y and sum of QD, PSD1 and PSD2 in counts, shape (N, 9); ``light`` (N,) is 1 where the beam is free."""
+    def channels(self, pose: Pose, time_s: Array, light: Array | None = None, wobbled: Array | None = None) -> Counts:
+        """Return x, y and sum of QD, PSD1 and PSD2 in counts, shape (N, 9).
+
+        ``light`` (N,) is 1 where the beam is free, ``wobbled`` (N,) 1 where somebody wobbles the pointing.
+        """
         optics = self._optics
-        spots = self.spots(pose, time_s)
+        spots = self.spots(pose, time_s, wobbled)
         light = np.ones(len(spots.path_mm)) if light is None else light
         radius_mm = optics.spot_radius_mm(spots.path_mm)[:, None]
         readings = [

@@ -20,18 +20,19 @@ _GRID_NODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where the axes are at N moments: ``position_mm`` and ``approach`` (N, 3), the setup under way, and whether a beam is up."""
+    """Where the axes are at N moments: ``position_mm`` and ``approach`` (N, 3), the setup, and whether a beam is up, and wobbled."""
 
     position_mm: Array
     approach: Array
     setup: list[str]
     beam: Flags
+    wobbled: Flags
 
 
 def track(player: Player, drive: Drive, time_s: Array) -> Track:
     """Return the path of the axes at ascending machine times, the ring of the structure included."""
     count = len(time_s)
-    followed = Track(np.zeros((count, 3)), np.zeros((count, 3)), [""] * count, np.zeros(count, dtype=np.bool_))
+    followed = Track(np.zeros((count, 3)), np.zeros((count, 3)), [""] * count, *np.zeros((2, count), dtype=np.bool_))
     for segment in player.span(float(time_s[0]), float(time_s[-1])):
         first, last = np.searchsorted(time_s, (segment.start_s, segment.end_s))
         times = time_s[first:last]
@@ -40,6 +41,7 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
         followed.position_mm[first:last] = segment.true_from_mm + fraction * (segment.true_to_mm - segment.true_from_mm) + swing_mm
         followed.approach[first:last] = segment.approach
         followed.setup[first:last] = [segment.step.setup] * (last - first)
+        followed.wobbled[first:last] = segment.step.wobbled
         followed.beam[first:last] = segment.step.beam and bool(segment.step.setup)
     return followed
 
@@ -149,5 +151,6 @@ class HeadView:
                 pose = self._machine.pose(
                     followed.position_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
                 )
-                channels[here] = self._head_of(setup).channels(pose, machine_s[here])
+                wobbled = followed.wobbled[here].astype(np.float64)
+                channels[here] = self._head_of(setup).channels(pose, machine_s[here], wobbled=wobbled)
         return channels

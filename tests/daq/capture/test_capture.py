@@ -111,7 +111,7 @@ def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
 @few(6)
 @given(away_ms=st.integers(50, 300), stop=st.integers(1, 9), lost=st.sampled_from(["link", "recording"]))
 def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, stop, lost):
-    """The beam is cut for 10 ms meanwhile and 15 um are gone: too little for the geometry, so the stop after it is named."""
+    """The beam is cut for 10 ms meanwhile and 15 µm are gone: too little for the geometry, so the stop after it is named."""
     truth = diagonal("ppp")
     begins = Timeline(truth).schedule()[stop][0] - 0.45
     timeline = Timeline(truth, beam_lost=[(begins + 0.01, begins + 0.02)], lost_mm=0.015)
@@ -162,7 +162,7 @@ def test_a_stop_without_a_reading_while_the_link_is_up_is_named_as_such():
 
 
 def test_only_standing_samples_are_used():
-    """A move at 10 m/min puts 167 um into a millisecond: no window may touch one."""
+    """A move at 10 m/min puts 167 µm into a millisecond: no window may touch one."""
     timeline = Timeline(diagonal("ppp"), seed=3)
     stops, _, _ = run(timeline.events())
     for stop, (begin, end) in zip(stops, timeline.schedule(), strict=True):

@@ -25,7 +25,7 @@ def judge(*stops, text=UNCOMPENSATED, every_s=10.0):
 
 def test_what_a_hall_has_is_believed_as_it_is():
     for judged in judge({}, {"air_temperature_c": 22.0}, {"air_pressure_hpa": 1012.0}):
-        assert (judged.held, judged.said, judged.doubted) == ((), [], [])
+        assert (judged.held, judged.remarks, judged.doubted) == ((), [], [])
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def test_one_wrong_value_is_held_and_named(name, value):
     _, wrong, after = judge({}, {name: value}, {})
     assert getattr(wrong.signals, name) == GOOD[name]
     assert wrong.held == (name,)
-    (said,) = wrong.said
+    (said,) = wrong.remarks
     assert said.code in ("conditions-held", "sensor-jump")
     assert f"{GOOD[name]:g}" in str(said)
     assert "u = " in str(said)
     assert wrong.doubted == []
-    assert (after.held, after.said) == ((), [])
+    assert (after.held, after.remarks) == ((), [])
 
 
 @pytest.mark.parametrize("name", [*GOOD])
@@ -65,9 +65,9 @@ def test_a_plc_without_sensors_gives_none_and_a_doubt_where_the_reading_depends_
     zeros = dict.fromkeys(GOOD, 0.0)
     first, second = judge(zeros, zeros)
     assert first.signals == Signals(**dict.fromkeys(GOOD))
-    assert [each.code for each in first.said] == ["conditions-held"] * 4
+    assert [each.code for each in first.remarks] == ["conditions-held"] * 4
     assert [each.code for each in first.doubted] == ["air-unknown"] * 3
-    assert (second.said, second.doubted) == ([], [])
+    assert (second.remarks, second.doubted) == ([], [])
     (compensated,) = judge(zeros, text=survey_text())
     assert compensated.doubted == []
 
@@ -75,7 +75,7 @@ def test_a_plc_without_sensors_gives_none_and_a_doubt_where_the_reading_depends_
 def test_what_the_survey_file_fixes_is_not_judged():
     fixed = UNCOMPENSATED + '[environment]\nsource = "fixed"\n'
     (judged,) = judge(dict.fromkeys(GOOD, 0.0), text=fixed)
-    assert (judged.said, judged.doubted) == ([], [])
+    assert (judged.remarks, judged.doubted) == ([], [])
 
 
 def test_a_jump_that_lasts_is_believed_in_the_end_and_doubted():
@@ -84,7 +84,7 @@ def test_a_jump_that_lasts_is_believed_in_the_end_and_doubted():
     assert all(judged.signals.air_pressure_hpa == 1013.2 for judged in held)
     assert believed.signals.air_pressure_hpa == 980.0
     assert [each.code for each in believed.doubted] == ["sensor-jump"]
-    assert (after.held, after.said, after.doubted) == ((), [], [])
+    assert (after.held, after.remarks, after.doubted) == ((), [], [])
 
 
 def test_a_hall_that_warms_slowly_is_followed():
@@ -101,18 +101,18 @@ SENSOR = (
 def test_a_sensor_that_falls_silent_is_held_within_a_minute_and_named_after_it():
     """NaN is what stands for a sensor that tells nothing; a measurement before the log began is one like any other."""
     _, soon, late, again, back = judge({}, *[{"air_temperature_c": math.nan}] * 3, {}, text=SENSOR, every_s=35.0)
-    assert (soon.signals.air_temperature_c, soon.held, soon.said) == (GOOD["air_temperature_c"], (), [])
+    assert (soon.signals.air_temperature_c, soon.held, soon.remarks) == (GOOD["air_temperature_c"], (), [])
     assert (late.signals.air_temperature_c, late.held) == (GOOD["air_temperature_c"], ("air_temperature_c",))
-    assert [each.code for each in late.said] == ["conditions-held"]
-    assert (again.held, again.said) == (("air_temperature_c",), [])
-    assert (back.held, back.said) == ((), [])
+    assert [each.code for each in late.remarks] == ["conditions-held"]
+    assert (again.held, again.remarks) == (("air_temperature_c",), [])
+    assert (back.held, back.remarks) == ((), [])
 
 
 def test_a_sensor_that_never_spoke_is_a_doubt():
     (judged,) = judge({"air_temperature_c": math.nan}, text=SENSOR)
     assert judged.signals.air_temperature_c is None
     assert [each.code for each in judged.doubted] == ["air-unknown"]
-    assert "has not been told yet" in str(judged.said[0])
+    assert "has not been told yet" in str(judged.remarks[0])
 
 
 def test_only_what_the_pattern_names_is_the_sensors():
@@ -164,7 +164,7 @@ def test_a_laser_without_the_sensors_that_its_kind_has_is_a_doubt_and_not_20_c(n
     felt = with_air(survey, Signals(stopped=True), stream, 1, silent=math.nan)
     judged = Conditions(survey, {}).judge(felt, 0.0)
     assert judged.signals.air_temperature_c is None
-    assert [each.code for each in judged.said] == ["conditions-held"] * OWN_AIR[name]
+    assert [each.code for each in judged.remarks] == ["conditions-held"] * OWN_AIR[name]
     assert [each.code for each in judged.doubted] == ["air-unknown"] * 3
 
 

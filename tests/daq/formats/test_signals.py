@@ -25,9 +25,9 @@ CONTRACT_BLOCK = bytes.fromhex(
     "002a"  # stop_count
     "0003"  # stopped and running
     "0002"  # npp
-    "004c4b40"  # X 500 mm in 0.1 um
+    "004c4b40"  # X 500 mm in 0.1 µm
     "ffb3b4c0"  # Y -500 mm
-    "00000001"  # Z 0.1 um
+    "00000001"  # Z 0.1 µm
     "0834"  # 21.00 C
     "ff9c"  # -1.00 C
     "2794"  # 1013.2 hPa
@@ -44,7 +44,7 @@ def value(spec: SignalSpec, data: bytes) -> float | None:
 
 
 def test_contract_block_is_one_request_and_reads_as_written() -> None:
-    """contract.md 2: fourteen holding registers from 0, ABCD, 0.1 um, 0.01 C, 0.1 hPa, 0.1 %."""
+    """contract.md 2: fourteen holding registers from 0, ABCD, 0.1 µm, 0.01 C, 0.1 hPa, 0.1 %."""
     assert plan_reads(CONTRACT_SIGNALS) == (ReadRange("holding", 0, 14),)
     signals = SignalDecoder(CONTRACT_SIGNALS).decode(block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK))
     assert (signals.heartbeat, signals.stop_count, signals.setup) == (7, 42, 2)

@@ -177,7 +177,7 @@ def foreign(path: Path, library: str, version: str = "1") -> Path:
 @pytest.mark.parametrize(
     ("library", "version", "message"),
     [
-        ("rosbag2", "1", "expected a log of stepdiag, found a file of rosbag2"),
+        ("rosbag2", "1", "expected a log of stepdiag \\(MCAP\\), found a file of rosbag2"),
         ("", "1", "found a file of an unnamed program"),
         ("stepdiag 9.0", "2", "expected log version 1, found 2; read it with the version of stepdiag that wrote it"),
         ("stepdiag 0.1", "1", "expected the start of a log: run, clock and survey, found another order of records"),
@@ -316,7 +316,7 @@ def test_a_survey_that_is_not_as_it_was_recorded_is_refused(tmp_path: Path) -> N
     write_log(tmp_path / "a.mcap", SHORT[:10])
     whole = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "b.mcap").write_bytes(whole.replace(b"name = ", b"nane = ", 1))
-    with pytest.raises(DataError, match="expected the survey file as it was recorded, found another SHA-256"):
+    with pytest.raises(DataError, match="expected the survey file as it was recorded, found another one"):
         open_log(tmp_path / "b.mcap")
 
 

@@ -33,7 +33,7 @@ def shown(*parts):
 
 
 def test_the_way_back_shows_the_backlash_over_the_stops_of_the_way_out() -> None:
-    """On one unbroken count 8 um of backlash stand at every stop, numbered as on the way out."""
+    """On one unbroken count 8 µm of backlash stand at every stop, numbered as on the way out."""
     stops = shown(stops_of(), returned())
     out, back = ([one for one in stops if one.pass_number == number] for number in (1, 2))
     assert [one.place for one in out] == list(range(10))

@@ -7,16 +7,16 @@ import pytest
 from testkit.exact.surveyed import Slip, survey_of
 
 OUT_AND_BACK = [
-    pytest.param(Slip("npp", 1, 5, 2.0), id="2 um"),
-    pytest.param(Slip("ppn", 2, 8, -5.0), id="-5 um on the way back"),
-    pytest.param(Slip("ppp", 1, 2, 20.0), id="20 um"),
-    pytest.param(Slip("ppp", 2, 1, 7.0), id="7 um on the first step after the turn"),
-    pytest.param(Slip("pnp", 2, 9, 200.0), id="200 um on the way back"),
+    pytest.param(Slip("npp", 1, 5, 2.0), id="2 µm"),
+    pytest.param(Slip("ppn", 2, 8, -5.0), id="-5 µm on the way back"),
+    pytest.param(Slip("ppp", 1, 2, 20.0), id="20 µm"),
+    pytest.param(Slip("ppp", 2, 1, 7.0), id="7 µm on the first step after the turn"),
+    pytest.param(Slip("pnp", 2, 9, 200.0), id="200 µm on the way back"),
 ]
 ONE_WAY = [
-    pytest.param(Slip("npp", 1, 10, 5.0), id="5 um"),
-    pytest.param(Slip("ppn", 1, 8, -20.0), id="-20 um"),
-    pytest.param(Slip("ppp", 1, 4, 200.0), id="200 um"),
+    pytest.param(Slip("npp", 1, 10, 5.0), id="5 µm"),
+    pytest.param(Slip("ppn", 1, 8, -20.0), id="-20 µm"),
+    pytest.param(Slip("ppp", 1, 4, 200.0), id="200 µm"),
 ]
 
 
@@ -49,13 +49,13 @@ def test_one_way_a_slip_of_a_machine_that_is_said_to_repeat_is_put_right_or_name
 
 @pytest.mark.parametrize("slip", ONE_WAY[1:])
 def test_one_way_a_slip_of_an_ordinary_machine_is_put_right_or_named(slip):
-    """From 20 um on: four increments driven once cannot tell less from how such a machine repeats and turns (`slip-hidden` of the plan)."""
+    """From 20 µm on: four increments driven once cannot tell less from how such a machine repeats and turns (`slip-hidden` of the plan)."""
     assert_right_or_named(survey_of(slip), slip, clean(back=False))
 
 
 @pytest.mark.parametrize("size_um", [5.0, 12.0])
 def test_one_way_a_slip_that_an_ordinary_machine_hides_does_not_make_it_worse(size_um):
-    """5 um leave 2.5 of 6.3 um, 12 um 5.8 um."""
+    """5 µm leave 2.5 of 6.3 µm, 12 µm 5.8 um."""
     found = survey_of(Slip("npp", 1, 10, size_um))
     assert found.after_um < found.before_um
 
@@ -68,6 +68,6 @@ def test_two_increments_one_way_and_200_um(stop):
 
 
 def test_a_wrong_first_stop_that_may_be_another_is_no_mere_warning():
-    """Left open as widely as it is large, a stop leaves most of the machine's error in the files: 5.8 um where 0.2 were reached."""
+    """Left open as widely as it is large, a stop leaves most of the machine's error in the files: 5.8 µm where 0.2 were reached."""
     found = survey_of(Slip("ppn", 1, 1, -20.0), n=2, seed=2)
     assert "ppn/1" in found.doubted

@@ -79,7 +79,7 @@ def test_a_mirror_that_was_turned_never_makes_one_pass():
 
 @pytest.mark.parametrize("size_um", [-200.0, -20.0, 5.0])
 def test_a_slip_between_out_and_back_is_named_and_leaves_with_its_pass(size_um):
-    """Backlash of 12 um between the passes is no slip."""
+    """Backlash of 12 µm between the passes is no slip."""
     slipped = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + size_um * 1e-3 * (stop.stop >= 4)) for stop in stops_of()]
     back = stops_of(outward=False, zero=size_um * 1e-3 + 0.012)
     passes = book_of(slipped, back, back=True)
@@ -91,7 +91,7 @@ def test_a_slip_between_out_and_back_is_named_and_leaves_with_its_pass(size_um):
 
 
 def test_what_a_machine_does_is_no_slip():
-    """Reversal, drift and 0.3 um of repeatability: at most one false word in a hundred pairs of passes."""
+    """Reversal, drift and 0.3 µm of repeatability: at most one false word in a hundred pairs of passes."""
     rng = np.random.default_rng(3)
     place = np.arange(31)
     smooth = [rng.normal(0, 5) + rng.normal(0, 3) * place / 31 + np.sin(place / 31 * rng.uniform(1, 6)) for _ in range(200)]
@@ -135,7 +135,7 @@ def test_a_slip_larger_than_the_machine_scatters_is_found_on_a_long_machine(n):
 @pytest.mark.parametrize("outward", [True, False])
 @pytest.mark.parametrize("at", [2, 3, 5, 6])
 def test_a_slip_of_a_pass_with_two_steps_an_axis_is_named_with_both_places(outward, at):
-    """n = 2, one way: the steps of an axis differ by 200 um, which no axis does. Which of them is at fault nobody can say."""
+    """n = 2, one way: the steps of an axis differ by 200 µm, which no axis does. Which of them is at fault nobody can say."""
     stops = [
         msgspec.structs.replace(stop, reading_mm=stop.reading_mm + (0.2 if stop.stop >= at else 0.0))
         for stop in stops_of(outward=outward, n=2)

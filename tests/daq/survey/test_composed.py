@@ -6,7 +6,10 @@ from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.survey.composed import Answers, MachineClass, begun, composed
+from stepdiag.base.readings.runs import run_stops_mm
+from stepdiag.base.volume import in_step
+from stepdiag.completion.foreseen import hidden_waves
+from stepdiag.daq.survey.composed import Answers, MachineClass, begun, composed, increments_for
 from stepdiag.daq.survey.controls import CONTROLS
 from stepdiag.daq.survey.file import parse_survey
 
@@ -53,3 +56,24 @@ def test_a_class_of_machine_reaches_both_files(name, feedback):
         section = parse_survey(text, "s.toml").uncertainty
         assert (section.machine_class, section.feedback, section.pitch_mm) == (name, feedback, 16.0)
         assert section.angles_urad is None
+
+
+def test_a_new_survey_alternates_its_orders_and_has_fine_irregular_runs():
+    """By `init` and by the wizard; a file without these lines is driven as before."""
+    answers = Answers(name="a", machine="m", size_mm=(500.0, 400.0, 300.0), laser_port="/dev/x", laser_format="umd", control="none")
+    for text in (begun(MachineClass(), "s.toml"), composed(answers, "s.toml")):
+        survey = parse_survey(text, "s.toml")
+        assert survey.plan.axis_orders == ("xyz", "yzx", "zxy")
+        run = survey.planned.run_of("linear-y")
+        assert len(run_stops_mm(survey.planned, run)) == 41
+        assert not [*hidden_waves(survey)], "the runs show the waves of the screws"
+
+
+@given(st.tuples(*[st.integers(40, 3000)] * 3), st.sampled_from([5.0, 8.0, 10.0, 16.0, 20.0]))
+def test_the_increments_offered_are_whole_micrometres_and_in_step_with_no_screw(size, pitch_mm):
+    offered = increments_for(size, pitch_mm)
+    steps = [edge_mm / offered for edge_mm in size]
+    others = [n for n in range(8, 21) if all(round(edge_mm / n, 3) == pytest.approx(edge_mm / n, abs=1e-9) for edge_mm in size)]
+    assert others == [] or offered in others
+    beside = [n for n in others if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in size)]
+    assert beside == [] or not any(in_step(step_mm, pitch_mm) for step_mm in steps)

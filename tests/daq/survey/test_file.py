@@ -66,7 +66,7 @@ def test_template_validates_with_everything_switched_on() -> None:
     survey = parse_survey(SWITCHED_ON, "template")
     assert survey.laser.line is not None
     assert survey.head is not None
-    assert survey.plan.all_setups == ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z", "ppp+1")
+    assert survey.plan.all_setups == ("ppp", "ppp+1", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
     assert set(survey.plc.own_signals) == {"stopped", "x_mm"}
     assert survey.plc.signal_names == ("stopped", "running", "stop_count", "x_mm")
 

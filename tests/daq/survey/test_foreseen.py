@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.completion.foreseen import circumstances, hidden_slip, hidden_waves, planned
+from stepdiag.completion.foreseen import circumstances, hidden_slip, hidden_waves
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.planning.planner import forecast
 from testkit.timeline import survey_text
@@ -20,11 +20,11 @@ TWICE = survey_text(setups=FOUR).replace("return_pass", "repeats = 2\nreturn_pas
 def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     survey = parse_survey(survey_text(n=n, setups=FOUR), "survey.toml")
     (said,) = hidden_slip(survey)
-    ahead = forecast(planned(survey), circumstances(survey)).ahead
+    ahead = forecast(survey.planned, circumstances(survey)).ahead
     # two increments check each other little: a slip stands out of four degrees of freedom
     assert 2.0 < ahead.unseen.half_um < (60.0 if n == 2 else 20.0)
-    assert f"a slip of the laser's count of {ahead.unseen.half_um:.2g} um could hide" in said.text
-    assert f"make {ahead.unseen_volume_um:.2g} um of the volume's errors" in said.text
+    assert f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm could hide" in said.text
+    assert f"make {ahead.unseen_volume_um:.2g} µm of the volume's errors" in said.text
     assert "return_pass = true" in said.text
 
 
@@ -43,6 +43,13 @@ def test_targets_a_whole_number_of_turns_apart_are_named():
     (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
     assert (said.code, said.severity) == ("plan-hides", "info")
     assert "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = 11 shows them" in said.text
+
+
+def test_runs_with_targets_of_their_own_show_the_waves_of_their_axis():
+    survey = with_pitch(10.0, (500.0, 430.0, 350.0), 10)
+    fine = msgspec.structs.replace(survey, plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40))
+    (said,) = hidden_waves(fine)
+    assert "steps of z 35 mm do not show" in said.text
 
 
 @pytest.mark.parametrize(("size_mm", "feedback"), [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")])

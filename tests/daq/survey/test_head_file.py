@@ -1,6 +1,7 @@
 """The calibration file of a head: the same bytes back, fields refused by name, never another head's."""
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,13 +9,19 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.daq.survey.head_file import (
+    CALIBRATED,
     AxisTable,
     CrosstalkTable,
     DetectorTable,
+    HeadFile,
     HeadIdentity,
     LeverTable,
+    LightTable,
+    Measured,
+    UncertaintyTable,
     parse_head_file,
     render_head_file,
+    require_measured,
     require_owner,
 )
 from testkit.exact.heads import head_file, survey_section, write_head_file
@@ -102,3 +109,64 @@ def test_a_run_of_the_head_needs_its_calibration_and_a_stand_that_can_be():
     assert "head.z: expected beam, detector_x and detector_y along three different axes" in refusal(
         survey_section("/dev/null1", rest=twice)
     )
+
+
+fields = st.fixed_dictionaries(
+    {},
+    optional={
+        "qd": st.builds(
+            DetectorTable, x=st.none() | axis, rotation_mrad=st.none() | number, dark=st.none() | st.tuples(number, number, number)
+        ),
+        "lever": st.builds(LeverTable, dead_path_mm=number),
+        "light": st.builds(LightTable, sums=st.tuples(*[st.floats(1e-3, 1e6)] * 3), within=st.floats(1e-3, 0.5)),
+        "crosstalk": st.builds(CrosstalkTable, psd1_leak=st.none() | st.tuples(number, number)),
+        "measured": st.dictionaries(st.sampled_from(CALIBRATED), st.just(Measured(by="fourdof commission", on="2026-11-26"))),
+        "uncertainty": st.just(UncertaintyTable(of=("a", "b"), u=(0.5, 2.0), correlation=(-0.25,))),
+    },
+)
+
+
+@given(fields)
+def test_a_file_with_fields_absent_is_read_as_it_was_written(given_fields):
+    file = HeadFile(head=HeadIdentity(id="4D-9", format="fourdof", date="2026-11-26", version=2), **given_fields)
+    assert parse_head_file(render_head_file(file).encode(), "head.toml") == file
+    absent = file.absent()
+    assert ("lever" in absent) == (file.lever is None)
+    assert ("qd.x" in absent) == (file.qd.x is None)
+    assert ("crosstalk.psd1_leak" in absent) == (file.crosstalk.psd1_leak is None)
+    with pytest.raises(DataError, match="next: `stepdiag fourdof commission`"):
+        require_measured(file, "head.toml")
+
+
+def test_a_file_of_before_has_every_field_and_does_not_state_what_measured_it():
+    file = parse_head_file(render_head_file(head_file()).encode(), "head.toml")
+    assert (file.absent(), file.measured) == ([], {})
+    require_measured(file, "head.toml")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"lever": LeverTable(dead_path_mm=30.0, scale=-0.9995)},
+        {"qd": DetectorTable(x=AxisTable(low=-1.5))},
+        {"psd1": DetectorTable(y=AxisTable(coefficients_um=(0.0, float("nan"))))},
+        {"uncertainty": UncertaintyTable(of=("lever",), u=())},
+    ],
+)
+def test_what_the_reader_refuses_is_never_written(tmp_path, changes):
+    with pytest.raises(UsageError):
+        write_head_file(tmp_path / "head.toml", **changes)
+    assert not list(tmp_path.iterdir())
+
+
+def test_uncertainties_and_correlations_make_a_covariance():
+    table = UncertaintyTable(of=("a", "b", "c"), u=(1.0, 2.0, 3.0), correlation=(0.5, 0.0, -1.0))
+    assert table.covariance().tolist() == [[1.0, 1.0, 0.0], [1.0, 4.0, -6.0], [0.0, -6.0, 9.0]]
+
+
+def test_floats_of_numpy_are_written_as_numbers():
+    """One distance gives the slope's share a float of numpy, whose repr names its type: `signs` refused to write it."""
+    file = head_file()
+    lever = msgspec.structs.replace(file.lever, scale=np.float64(1.0), u_mm=np.float64(0.25), u_scale=np.float64(0.05) / 3**0.5)
+    again = parse_head_file(render_head_file(msgspec.structs.replace(file, lever=lever)).encode(), "head.toml")
+    assert again.lever == lever

@@ -35,7 +35,7 @@ def test_volumetric_file():
     assert lines[0] == ["X", "EXX", "EYX", "EZX"]
     assert lines[1] == ["-200.0", "0.00400", "0.00000", "0.00000"]
     assert lines[6:8] == [["#"], ["Y", "EYY", "EXY", "EZY"]]
-    # zero at the reference (200 mm): 0 - 5 + 10 urad x 200 mm = -3 um at 0 mm, 0 - 5 - 2 = -7 um at 400 mm
+    # zero at the reference (200 mm): 0 - 5 + 10 urad x 200 mm = -3 µm at 0 mm, 0 - 5 - 2 = -7 µm at 400 mm
     assert lines[8] == ["0.0", "0.00000", "-0.00300", "0.00000"]
     assert lines[12] == ["400.0", "0.00000", "-0.00700", "0.00000"]
     assert "file_format[0] ISG_CSV" in files["volcomp_lines.txt"].data.decode().splitlines()
@@ -51,7 +51,7 @@ def test_negate_turns_the_sense_of_an_axis_but_not_its_numbers():
 
 
 def test_reads_the_example_of_the_manual():
-    """TF5200, non-equidistant bilateral example: 19856.5 um measured at 19866.7 um is -102 units of 0.1 um, 19874.7 is +80."""
+    """TF5200, non-equidistant bilateral example: 19856.5 µm measured at 19866.7 µm is -102 units of 0.1 µm, 19874.7 is +80."""
     text = """\
 kopf.achs_nr                        2
 kopf.log_achs_name                  Y-ACHSE
@@ -107,7 +107,7 @@ def test_lists_hold_leadscrew_and_one_cross_table():
 
 
 def test_a_list_of_one_direction_says_so():
-    """P-COMP: bilateral 0 is one column for both directions, in 0.1 um; without it the control would read a second that is not there."""
+    """P-COMP: bilateral 0 is one column for both directions, in 0.1 µm; without it the control would read a second that is not there."""
     which = profile(way="lists", cross_sense="as-compensation")
     files, _ = files_of(which, ["EXX"], made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}))
     text = files["achskw1.lis"].data.decode()
@@ -154,7 +154,7 @@ def test_the_sense_of_the_cross_table_is_asked():
         ("v.csv", "X EXY\n0.0 0.0\n10.0 0.0\n", r"expected components of X, found EXY"),
         ("v.csv", "X EXX\n0.0 0.0\n10.0 0.0\n#\n", r"found an empty block"),
         ("a.lis", "kopf.achs_nr 9\nkw.ssfk.unit 1\n", r"a\.lis: line 1: expected kopf\.achs_nr with a logical axis number"),
-        ("a.lis", "kopf.achs_nr 1\nkw.ssfk.unit 0\nkw.ssfk.kw_nr_max 3\n", r"expected unit 1 \(0\.1 um\), found encoder increments"),
+        ("a.lis", "kopf.achs_nr 1\nkw.ssfk.unit 0\nkw.ssfk.kw_nr_max 3\n", r"expected unit 1 \(0\.1 µm\), found encoder increments"),
         ("a.lis", "kopf.achs_nr 1\nkw.ssfk.unit 1\nkw.ssfk.unit 1\n", r"line 3: expected a new key"),
         (
             "a.lis",

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -53,7 +54,10 @@ def machine(**changes: object) -> Profile:
 
 def with_sign_test(profile: Profile, day: date = date(2026, 5, 1), verdict: str = "as-error") -> Profile:
     """The profile with a sign test of both kinds of Siemens table."""
-    return replace(profile, sign_tests=tuple(SignTestRecord(kind=kind, date=day, verdict=verdict) for kind in ("eec", "cec")))
+    about = {"machine": profile.machine.name, "control": "siemens", "measuring_system": "1"}
+    files = {"bump_sha256": ["b" * 64], "runs_sha256": ["a" * 64]}
+    records = [SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files) for kind in ("eec", "cec")]
+    return replace(profile, sign_tests=tuple(records))
 
 
 def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
@@ -83,6 +87,11 @@ def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(t
     assert not [item for item in fitting.findings if item.key == "stretch-worse"]
 
 
+@cache
+def measured_in(increments: int) -> Result:
+    return solve(Bench(increments=increments).survey())
+
+
 class TestQuickLook:
     @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"fanuc"}))
     def test_a_step_alone_suffices_and_the_files_mend_the_machine(self, name, tmp_path):
@@ -104,7 +113,7 @@ class TestQuickLook:
         report = export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
         stems = {"AX_EEC": "INI", "NC_CEC": "INI", "LOAD_EEC": "MPF", "LOAD_CEC": "MPF"}
         wanted = {f"{stem}{suffix}.{end}" for stem, end in stems.items() for suffix in ("_UNTESTED_SIGN", "_RESTORE")}
-        assert set(report.files) == wanted | {"EXPORT_REPORT.txt", "SHA256SUMS"}
+        assert set(report.files) == wanted | {"READ_BACK.MPF", "EXPORT_REPORT.txt", "SHA256SUMS"}
         assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
         for line in (tmp_path / "SHA256SUMS").read_text(encoding="ascii").splitlines():
             digest, _, name = line.partition("  ")
@@ -119,7 +128,7 @@ class TestQuickLook:
     @pytest.mark.parametrize("increments", [4, 7, 10, 24])
     def test_a_quick_look_has_its_points_where_the_errors_were_measured(self, control, increments, tmp_path):
         """No step leaves less, and none of 50 mm less by a micrometre: the points of a table cut what lies beside them."""
-        measured = solve(Bench(increments=increments).survey())
+        measured = measured_in(increments)
         left = {}
         for step in (None, 50.0, 12.5):
             report = export(measured, control, None, step_mm=step, accept=("slope-steep",), out_dir=tmp_path / f"{step}")
@@ -198,19 +207,19 @@ def coarse_said(report):
 
 
 def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(tmp_path):
-    """EXX 0 3 8 12 20 um, nodes 100 mm apart, through every other of them: 4 instead of 3, 14 instead of 12. On them, nothing is said."""
+    """EXX 0 3 8 12 20 µm, nodes 100 mm apart, through every other of them: 4 instead of 3, 14 instead of 12. On them, nothing is said."""
     wide = coarse_said(export(RESULT, "siemens", machine(X={"step_mm": 200.0}), out_dir=tmp_path / "wide", today=TODAY))
     assert len(wide) == 1
-    assert "up to: EXX 2.0 um, EYX 0.5 um; take a step that meets them, or a smaller one" in wide[0]
+    assert "up to: EXX 2.0 µm, EYX 0.5 µm; take a step that meets them, or a smaller one" in wide[0]
     for step_mm in (100.0, 50.0):
         fine = export(RESULT, "siemens", machine(X={"step_mm": step_mm}), out_dir=tmp_path / f"{step_mm:g}", today=TODAY)
         assert not coarse_said(fine)
 
 
 def test_a_fine_table_beside_the_measured_positions_says_so_too(tmp_path):
-    """Points 80 mm apart cut the bends of nodes 100 mm apart: 9.6 and 13.6 um at 40 and 120 mm make 12.6 um of the 12 at 100 mm."""
+    """Points 80 mm apart cut the bends of nodes 100 mm apart: 9.6 and 13.6 µm at 40 and 120 mm make 12.6 µm of the 12 at 100 mm."""
     beside = coarse_said(export(RESULT, "siemens", machine(X={"step_mm": 80.0}), out_dir=tmp_path / "tables", today=TODAY))
-    assert "EXX 0.6 um" in beside[0]
+    assert "EXX 0.6 µm" in beside[0]
 
 
 @pytest.mark.parametrize(("step_mm", "said"), [(40.0, True), (50.0, False), (25.0, False)])

@@ -74,13 +74,13 @@ class TestIncrements:
         assert correction_um(plan.tables[0], np.array([99.9, 100.0, 199.9, -0.1])).tolist() == [0, 2, 2, -1]
 
     def test_smallest_magnification_that_keeps_the_limit(self):
-        """controllers.md 12.1: A = -30 -13 0 +9 +20 um, limit 7: magnification 3 with data 6 4 3 4."""
+        """controllers.md 12.1: A = -30 -13 0 +9 +20 µm, limit 7: magnification 3 with data 6 4 3 4."""
         plan = CONTROL.plan(curves_of(made_result({"EXX": [30, 13, 0, -9, -20]}), ["EXX"]), fanuc_profile())
         assert plan.tables[0].quantum_um == 3.0
         assert (plan.tables[0].value_um / 3).tolist() == [0, 6, 4, 3, 4]
 
     def test_the_largest_magnification_is_tried_and_no_larger_one(self):
-        """Magnification is 1 to 100 (parameter 3623): 749 um in one interval are 7 units of 100 um, 751 um are 8, beyond the limit of 7."""
+        """Magnification is 1 to 100 (parameter 3623): 749 µm in one interval are 7 units of 100 µm, 751 µm are 8, beyond the limit of 7."""
         plan = CONTROL.plan(curves_of(made_result({"EXX": [0, 0, 0, -749, -749]}), ["EXX"]), fanuc_profile())
         assert plan.tables[0].quantum_um == 100.0
         with pytest.raises(SafetyError, match="found 8 at magnification 100"):
@@ -202,7 +202,7 @@ class TestDirections:
         assert refusal.value.code == "direction-unfit.unproven"
 
     def test_bidirectional_sets_its_bit_and_the_offset_at_the_reference(self):
-        """3605#0, 3626 and 3627: the reversal of 6 um (in - the axis stands 6 um lower) is an offset of +6 for travel in -."""
+        """3605#0, 3626 and 3627: the reversal of 6 µm (in - the axis stands 6 µm lower) is an offset of +6 for travel in -."""
         profile = profile_of("fanuc", VOLUME, direction="both", reference_at=2)
         result = made_result({"EXX": EXAMPLE}, reversal={"EXX": [6.0] * 5})
         plan = CONTROL.plan(curves_of(result, ["EXX"]), profile)
@@ -262,7 +262,7 @@ class TestStraightLines:
         np.testing.assert_allclose(correction_um(table, np.array([-200.0, -100, 0, 100, 200])), [20, 10, 0, -8, 0], atol=0.5)
 
     def test_inclination_takes_the_slope_and_pitch_data_the_rest(self):
-        """B-64523EN-1/02: both add up; with 60 um of slope the increments stay small at magnification 1."""
+        """B-64523EN-1/02: both add up; with 60 µm of slope the increments stay small at magnification 1."""
         axes = {**fanuc_profile().options.axes, "X": AxisPoints(number=1, reference_point=40, inclination=True)}
         curves = curves_of(made_result({"EXX": [30, 16, 0, -14, -30]}), ["EXX"])
         plan = CONTROL.plan(curves, fanuc_profile(axes=axes))
@@ -272,7 +272,7 @@ class TestStraightLines:
         np.testing.assert_allclose(sum(correction_um(table, at) for table in plan.tables), [-30, -16, 0, 14, 30], atol=0.5)
 
     def test_inclination_beside_pitch_data_of_each_direction(self):
-        """The slope is taken off both, also of a machine that stands 6 um lower in -."""
+        """The slope is taken off both, also of a machine that stands 6 µm lower in -."""
         profile = profile_of("fanuc", VOLUME, direction="both", reference_at=2)
         axes = {**profile.options.axes, "X": msgspec.structs.replace(profile.options.axes["X"], inclination=True)}
         profile = replace(profile, options=msgspec.structs.replace(profile.options, axes=axes))

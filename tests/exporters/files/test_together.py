@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.disk.part import part_of
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import refuse_file_name, write_atomically, write_new, write_once, write_together
-from stepdiag.base.part import part_of
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import write_set
 from stepdiag.fleet.store import Store

@@ -116,7 +116,7 @@ def test_columns_that_are_too_narrow_are_refused():
 
 
 def test_the_spacing_of_old_controls_is_a_power_of_two():
-    """TNC 407 p. 153: 7 mm wanted, 2^16 x 0.1 um = 6.5536 mm possible."""
+    """TNC 407 p. 153: 7 mm wanted, 2^16 x 0.1 µm = 6.5536 mm possible."""
     with pytest.raises(SafetyError, match=r"found 100 mm; the nearest are 52\.4288 and 104\.858 mm"):
         files_of(profile("tnc4xx"))
     fitting = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(26.2144, 26.2144, 26.2144), increments=4)

@@ -46,7 +46,7 @@ def test_worked_example():
 
 
 def test_two_directions_in_two_columns():
-    """A reversal of 6 um is 6 um between the columns; zero at the reference in + (controllers.md 5)."""
+    """A reversal of 6 µm is 6 µm between the columns; zero at the reference in + (controllers.md 5)."""
     result = made_result({"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
     files, _ = files_of(result, example_profile(direction="both"), ["EXX"])
     rows = np.array([line.split() for line in files["screw_x.comp"].splitlines()], dtype=float)
@@ -78,7 +78,7 @@ def test_squareness_becomes_coefficients_and_straightness_is_said_to_stay():
         "setp matrixkins.C_xz -0.000010000",
         "setp matrixkins.C_yz -0.000005000",
     ]
-    assert "stays in the machine: EYX 0.0 um, EZX 0.0 um, EXY 7.0 um" in "".join(finding.text for finding in plan.findings)
+    assert "stays in the machine: EYX 0.0 µm, EZX 0.0 µm, EXY 7.0 µm" in "".join(finding.text for finding in plan.findings)
     tables = LINUXCNC.parse([ControlFile(name="squareness.hal", data=files["squareness.hal"].encode())], example_profile())
     moved = {table.name: float(correction_um(table, np.array([400.0]))[0]) for table in tables}
     assert moved == pytest.approx({"EXY": 8.0, "EXZ": -4.0, "EYZ": -2.0})
@@ -192,7 +192,7 @@ class TestBacklash:
         np.testing.assert_allclose(reverse, [-4, -8, -13, -17, -25], atol=1e-6)
 
     def test_a_file_whose_columns_are_alike_has_switched_backlash_off_too(self, tmp_path):
-        """BACKLASH of 8 um stands in the INI file and did nothing while measuring: no half of it goes into the columns."""
+        """BACKLASH of 8 µm stands in the INI file and did nothing while measuring: no half of it goes into the columns."""
         old = ControlFile(name="screw_x.comp", data=b"-200.0 -199.99 -199.99\n200.0 200.01 200.01\n")
         profile = replace(self.with_backlash(8.0, measured_with="on"), existing=(old,))
         statement = stated("on", {old.name: old.data}, date(2026, 5, 30), "copied from the machine")
@@ -243,7 +243,7 @@ LEANING = made_result({"EXX": [0, 3, 8, 12, 20]}, squareness={"C0Y": 290.0, "B0Z
 
 
 def test_a_squareness_is_judged_over_the_travel_of_the_machine():
-    """290 urad are 116 um on 400 mm; one metre from the zero they were 290 um, beyond what has to be accepted."""
+    """290 urad are 116 µm on 400 mm; one metre from the zero they were 290 µm, beyond what has to be accepted."""
     profile = profile_of("linuxcnc", VOLUME)
     plan = LINUXCNC.plan(fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile)
     files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]

@@ -128,7 +128,7 @@ def test_a_second_lattice_starts_from_the_widened_limits(tmp_path: Path):
 
 @pytest.mark.parametrize(("beyond_mm", "named"), [(0.0, True), (0.005, True), (0.1, False)])
 def test_a_travel_without_room_for_the_corrections_is_named(beyond_mm, named, tmp_path: Path):
-    """20 um at the end of X, where the travel ends 0, 5 or 100 um behind the volume."""
+    """20 µm at the end of X, where the travel ends 0, 5 or 100 µm behind the volume."""
     made = travelling(profile("kinematics"), {"X": (-200.0 - beyond_mm, 200.0 + beyond_mm)})
     short = made_result({"EXX": [0, -3, -8, -12, -20]})
     report = export(short, "linuxcnc", made, out_dir=tmp_path, accept=["beyond-travel"] if named else [])

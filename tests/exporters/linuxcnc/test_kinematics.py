@@ -203,7 +203,7 @@ class TestComponent:
 def restless(path: Path, counts: tuple[int, int, int]) -> int:
     """Write a lattice over one cubic millimetre whose forward solution goes back and forth for ever; return its number of rows.
 
-    It holds from -1000 um to 1000 um, a straight line, so the field is the same however many vertices it has.
+    It holds from -1000 µm to 1000 µm, a straight line, so the field is the same however many vertices it has.
     """
     rows = itertools.product(*(np.linspace(0.0, 1.0, count) for count in counts))
     lines = [",".join(f"{value:.9f}" for value in (*row, *(2000.0 * at - 1000.0 for at in row))) for row in rows]
@@ -345,7 +345,7 @@ class TestExport:
 
     @pytest.mark.parametrize("known", [True, False])
     def test_a_slope_that_the_result_does_not_know_is_not_taken_out_unasked(self, tmp_path: Path, known: bool) -> None:
-        """The lattice takes the place of the screw's table: 80 um over the travel, which were off while measuring."""
+        """The lattice takes the place of the screw's table: 80 µm over the travel, which were off while measuring."""
         screw = ControlFile(name="screw_x.comp", data=b"-200.0 -199.96 -199.96\n200.0 199.96 199.96\n")
         of = replace(profile(), existing=(screw,))
         result = replace(RESULT, errors={**RESULT.errors, "EXX": replace(RESULT.errors["EXX"], slope_identified=known)})

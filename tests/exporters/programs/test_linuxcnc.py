@@ -56,7 +56,7 @@ def _exactly(link: socket.socket, count: int) -> bytes:
 
 class TestBlock:
     def test_shows_what_the_program_says(self, served: tuple[Pins, int]) -> None:
-        """Contract 2: counter wrapped, bits, setup, positions in 0.1 um high word first and held at the ends, the hall's usual values."""
+        """Contract 2: counter wrapped, bits, setup, positions in 0.1 µm high word first and held at the ends, the hall's usual values."""
         with asked(served[1]) as link:
             reply = exchange(link, struct.pack(">BHH", 3, 0, 14))
         words = struct.unpack(">14H", reply[2:])

@@ -86,7 +86,7 @@ def loaded(files: tuple[ControlFile, ...]) -> SiemensControl:
 
 @pytest.mark.parametrize(("truly", "said"), [("off", "off"), ("on", "on"), *product(["off", "on"], ["unanswered", "not said"])])
 def test_no_combination_makes_the_machine_worse_unseen(truly, said, tmp_path):
-    """Profile on or off, four sets of files, a quick look: refused, or at most as wrong as before (today 4.25 -> 5.91 um)."""
+    """Profile on or off, four sets of files, a quick look: refused, or at most as wrong as before (today 4.25 -> 5.91 µm)."""
     before = errs_um(loaded(()))
     written = 0
     for number, (state, given) in enumerate([*product(["off", "on"], GIVEN), ("quick", "none")]):

@@ -205,7 +205,7 @@ def test_one_point_that_is_off_is_found(function, point, off_um, sign):
 
 
 def test_a_long_screw_does_not_hide_one_wrong_point():
-    """100 um along the travel are no excuse for 4.9 um at one place; the sentence names it."""
+    """100 µm along the travel are no excuse for 4.9 µm at one place; the sentence names it."""
     result = made_result({**ERRORS, "EXX": [0, 27, 52, 76, 100]}, u_um=0.1)
     tables, profile = tables_of(result=result)
     (table,) = (table for table in tables if table.name == "EXX")
@@ -267,23 +267,20 @@ def test_limits_are_applied_to_files_from_anywhere():
     assert not found.right
 
 
-@pytest.mark.parametrize(
-    ("factor", "code"),
-    [(1.0, None), (0.0, None), (-1.0, "lattice-unlike.turned"), (10.0, "lattice-unlike.scaled"), (0.1, "lattice-unlike.scaled")],
-)
-def test_a_lattice_is_judged_as_a_whole(factor, code):
-    """It has no tables, but a size and a sign."""
+@pytest.mark.parametrize(("factor", "code"), [(1.0, "right"), (0.0, "empty"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")])
+def test_a_lattice_of_another_size_or_sign_is_named_in_every_function(factor, code):
     made = lattice.lattice_of(RESULT, 50.0)
     file = lattice.render(replace(made, vectors_um=factor * made.vectors_um))
     found = verify_files(RESULT, [file])
-    assert [finding.key for finding in found.findings] == ([code] if code else [])
-    assert found.right == (code is None)
+    assert {each.code for each in found.judgements} == {code}
+    assert found.right == (code in ("right", "empty"))
 
 
 def test_the_lattice_of_another_machine():
     other = made_result({name: values[::-1] for name, values in ERRORS.items()}, u_um=0.1)
     found = verify_files(RESULT, [lattice.render(lattice.lattice_of(other, 50.0))])
-    assert [finding.key for finding in found.findings] == ["lattice-unlike"]
+    assert "unlike" in {each.code for each in found.judgements}
+    assert not found.right
 
 
 ANGLES = {name: list(np.linspace(0.0, 1.0, 5) ** 2 * (9.0 if name[2] == "X" else -11.0)) for name in ROTATIONS}
@@ -364,6 +361,7 @@ def test_the_steps_of_a_table_that_acted_are_no_error_that_a_table_could_take_ou
     steps = correction_um(active, fine) - correction_um(joined(active), fine)
     seen = replace(smooth, forward_um=smooth.forward_um + steps)
     assert np.max(np.abs(steps)) > 2.0
-    assert TableCase(active, [active], [active], VOLUME).unstepped(seen).forward_um == pytest.approx(smooth.forward_um, abs=1e-9)
+    case = TableCase(table=active, together=[active], before=[active], volume=VOLUME)
+    assert case.unstepped(seen).forward_um == pytest.approx(smooth.forward_um, abs=1e-9)
     straight = joined(active)
-    assert TableCase(straight, [straight], [straight], VOLUME).unstepped(seen) is seen
+    assert TableCase(table=straight, together=[straight], before=[straight], volume=VOLUME).unstepped(seen) is seen

@@ -76,7 +76,7 @@ class TestSlope:
             assert refused(machine_of(edge_mm, n, {"EXX": 25.0 * noise}), edge_mm / n) == code
 
     def test_a_finer_table_does_not_make_an_outlier_plausible(self):
-        """A bump of 51 um at a target between others 50 mm beside it is one at points every 5 mm too."""
+        """A bump of 51 µm at a target between others 50 mm beside it is one at points every 5 mm too."""
         bump = [0.0, 0.0, 0.0, 0.0, 0.0, 51.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         assert refused(machine_of(500.0, 10, {"EXX": bump}), 5.0) == "slope-steep"
 
@@ -84,7 +84,7 @@ class TestSlope:
 @settings(max_examples=25)
 @given(st.floats(60.0, 5000.0), st.integers(2, 40), st.integers(0, 2**32 - 1))
 def test_no_ordinary_machine_is_refused_for_its_size(edge_mm, n, seed):
-    """Scale 40 um/m, squareness 60 urad, shapes of 10 um and 1 um of scatter at every value: twice the usual sizes of the class."""
+    """Scale 40 µm/m, squareness 60 urad, shapes of 10 µm and 1 µm of scatter at every value: twice the usual sizes of the class."""
     draw, at = np.random.default_rng(seed), np.linspace(0.0, 1.0, n + 1)
     values = {}
     for name in DISPLACEMENTS:

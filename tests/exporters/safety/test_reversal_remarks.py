@@ -34,12 +34,12 @@ def said_of(result: Result, code: str, direction: str = "mean", name: str = "sie
 
 def test_the_backlash_number_comes_with_its_uncertainty():
     (text,) = said_of(KNOWN, "reversal-value")
-    assert "-8.21 um" in text
-    assert "U 0.40 um (k = 2)" in text
+    assert "-8.21 µm" in text
+    assert "U 0.40 µm (k = 2)" in text
 
 
 def test_it_comes_on_top_of_what_the_parameter_held_while_measuring():
-    """Measured with 5 um at work, 8.21 um less are asked for: who enters the number alone takes the 5 um away."""
+    """Measured with 5 µm at work, 8.21 µm less are asked for: who enters the number alone takes the 5 µm away."""
     (text,) = said_of(KNOWN, "reversal-value")
     assert text.endswith("to be added to what the backlash parameter held while measuring")
     assert said_of(KNOWN, "reversal-value", backlash_um=5.0) == [text], "what the control holds now may have the number in it already"
@@ -56,7 +56,7 @@ def test_where_a_table_ends_the_parameter_the_number_goes_into_the_table(backlas
 @pytest.mark.parametrize("name", ["heidenhain", "mitsubishi"])
 def test_a_control_that_holds_the_mean_only_is_told_the_number_whatever_was_asked(name):
     (text,) = said_of(KNOWN, "reversal-value", "both", name)
-    assert "U 0.40 um (k = 2)" in text
+    assert "U 0.40 µm (k = 2)" in text
 
 
 def test_a_table_for_each_direction_leaves_nothing_for_the_parameter():

@@ -1,7 +1,5 @@
 """The sign test: a bump that passes the checks, and the verdict from what a machine of either kind does with it."""
 
-from datetime import date
-
 import numpy as np
 import pytest
 
@@ -32,7 +30,7 @@ def moved_um(test: Bump) -> np.ndarray:
 class TestBump:
     @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"neutral"}))
     def test_moves_the_axis_as_the_stated_law_says_and_comes_back_to_zero(self, name):
-        """controllers.md 11: 10 um in error sense, zero at the reference and beyond the bump."""
+        """controllers.md 11: 10 µm in error sense, zero at the reference and beyond the bump."""
         test = bump(controller_named(name), profile_of(name, VOLUME, sections=8), "EXX")
         moved = moved_um(test)
         assert test.expected_um == pytest.approx(-10.0, abs=test.tables[-1].quantum_um)
@@ -40,7 +38,7 @@ class TestBump:
         assert moved[-1] == pytest.approx(0.0, abs=1e-9)
 
     def test_is_gentle(self):
-        """Flanks of 0.2 um/mm at most: the slope check lets them pass."""
+        """Flanks of 0.2 µm/mm at most: the slope check lets them pass."""
         table = siemens_bump().tables[0]
         assert np.max(np.abs(np.diff(table.value_um) / np.diff(table.position_mm))) <= 0.2 + 1e-9
 
@@ -98,7 +96,6 @@ class TestVerdict:
         test = siemens_bump()
         shown = verdict(test, POSITIONS, 3.0 + 0 * POSITIONS, 3.0 + moved_um(test))
         assert shown.sense == "as-error"
-        assert shown.as_toml(date(2026, 5, 31)) == '[[sign_test]]\nkind = "eec"\ndate = 2026-05-31\nverdict = "as-error"\n'
 
     def test_a_control_with_the_opposite_sense(self):
         test = siemens_bump()
@@ -111,8 +108,6 @@ class TestVerdict:
         shown = verdict(test, POSITIONS, 0 * POSITIONS, 0.1 * np.sin(POSITIONS))
         assert shown.sense is None
         assert "not active" in shown.text
-        with pytest.raises(DataError):
-            shown.as_toml(date(2026, 5, 31))
 
     def test_a_staircase_tells_that_the_control_adds_up(self):
         """controllers.md 11: absolute data read as increments do not come back to zero after the bump."""
@@ -130,7 +125,7 @@ class TestVerdict:
             (0.5, "diameters"),
             (25.4, "inch"),
             (1 / 25.4, "not active"),
-            (1000.0, "mm and um"),
+            (1000.0, "mm and µm"),
             (4.0, "look at"),
             (0.4, "diameters"),
         ],
@@ -172,7 +167,7 @@ class TestRuns:
         """The machine's own error (here a parabola) is in both runs and drops out."""
         test, own = siemens_bump(), 1e-4 * POSITIONS**2
         run = from_readings(linear_run(own), linear_run(own + moved_um(test)), "X")
-        shown = verdict(test, *run)
+        shown = verdict(test, *run[:3])
         assert (shown.sense, shown.moved_um) == ("as-error", pytest.approx(-10.0))
 
     def test_runs_at_other_positions_are_refused(self):
@@ -189,7 +184,7 @@ class TestRuns:
         """Straightness is seen with a dial or a straightness laser: position, off, on."""
         rows = "position_mm,off_um,on_um\n200,1,1\n-200,0,0\n0,2,-8\n"
         run = read_sign_run(ControlFile(name="run.csv", data=rows.encode()))
-        assert [column.tolist() for column in run] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
+        assert [column.tolist() for column in run[:3]] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
 
     @pytest.mark.parametrize("text", ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"])
     def test_a_damaged_csv_is_refused(self, text):

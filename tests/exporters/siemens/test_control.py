@@ -78,7 +78,7 @@ class TestGoldenFiles:
         assert files["AX_EEC.INI"] == EEC_GOLDEN
 
     def test_cec_is_the_worked_example_byte_for_byte(self):
-        """controllers.md 12.3: straightness of X in Y with 10 um/m of squareness folded in."""
+        """controllers.md 12.3: straightness of X in Y with 10 µm/m of squareness folded in."""
         volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 200.0), increments=4)
         result = made_result({"EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": -10.0}, volume=volume)
         profile = plain_profile()
@@ -223,9 +223,9 @@ def test_more_tables_than_the_control_holds_are_refused(held, first, refused, tm
 
 @pytest.mark.parametrize(("share", "refused"), [(None, True), (0.1, False)])
 def test_the_slope_of_cec_is_judged_by_the_controls_own_limit(share, refused, tmp_path):
-    """MD32730 lets the correction move at a tenth of the top speed: 1.2 um/mm is far below it, and above what is plausible elsewhere."""
+    """MD32730 lets the correction move at a tenth of the top speed: 1.2 µm/mm is far below it, and above what is plausible elsewhere."""
     profile = profile_of("siemens", VOLUME)
     profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_max_velo=share))
     result = made_result({"EYX": [0, 0, 95, 0, 0]})
-    with pytest.raises(SafetyError, match=r"um/mm, above 0\.8") if refused else nullcontext():
+    with pytest.raises(SafetyError, match=r"µm/mm, above 0\.8") if refused else nullcontext():
         export(result, "siemens", profile, out_dir=tmp_path / "out")

@@ -34,7 +34,7 @@ def test_every_point_up_to_the_last_must_stand_there():
 
 
 def test_the_most_valuable_curve_is_so_for_each_table_that_it_takes():
-    """3 um in two tables are worth less than 2.5 um in one; what does not fit leaves its room to the next."""
+    """3 µm in two tables are worth less than 2.5 µm in one; what does not fit leaves its room to the next."""
     worth, tables_of = {"EXX": 3.0, "EYX": 2.5, "EZX": 2.4}, {"EXX": 2, "EYX": 1, "EZX": 1}
     assert _most_valuable(worth, tables_of, 2) == ("EYX", "EZX")
     assert _most_valuable(worth, tables_of, 3) == ("EYX", "EZX")

@@ -139,7 +139,8 @@ class TestExport:
         assert {table.kind for table in report.tables} == {"eec", "cec"}
 
     def test_their_sign_is_tested_apart_from_that_of_plain_tables(self, tmp_path) -> None:
-        tested = "\n".join(f'[[sign_test]]\nkind = "{kind}"\ndate = 2026-11-20\nverdict = "as-error"' for kind in ("eec", "cec"))
+        about = 'machine = "mill"\ncontrol = "siemens"\nmeasuring_system = "1"\nbump_sha256 = ["b"]\nruns_sha256 = ["a"]'
+        tested = "\n".join(f'[[sign_test]]\nkind = "{kind}"\ndate = 2026-11-20\nverdict = "as-error"\n{about}' for kind in ("eec", "cec"))
         from datetime import date
 
         report = export(drawn(6), "siemens", profile(extra=tested), out_dir=tmp_path, today=date(2026, 11, 22))

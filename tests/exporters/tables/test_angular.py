@@ -44,9 +44,9 @@ def drawn(chain: str = "FXYZ", seed: int = 3) -> Result:
 
 def profile(name: str, chain: str | None = "FXYZ", **options: object) -> Profile:
     found = profile_of(name, VOLUME, sections=20, reference_at=4)
-    generation = {"generation": "itnc530"} if name == "heidenhain" else {}
+    generation = {"generation": "itnc530"} if name == "heidenhain" else {"turned": False}
     machine = msgspec.structs.replace(found.machine, existing=[])
-    return replace(found, machine=machine, options=msgspec.structs.replace(found.options, chain=chain, **generation, **options))
+    return replace(found, machine=machine, options=msgspec.structs.replace(found.options, chain=chain, **(generation | options)))
 
 
 def written(name: str, result: Result, of: Profile) -> tuple[ControlFile, ...]:
@@ -56,7 +56,7 @@ def written(name: str, result: Result, of: Profile) -> tuple[ControlFile, ...]:
 
 def virtual_um(files: tuple[ControlFile, ...], chain: str, points: Vector = POINTS, **law: object) -> Vector:
     """Return what the control of the manual makes of the files."""
-    texts = {file.name: file.data.decode("ascii") for file in files}
+    texts = {file.name: file.data.decode() for file in files}
     if "volumetric_errors.csv" in texts:
         table = load_volumetric(texts["volumetric_errors.csv"], chain=chain, **law)
     else:
@@ -89,6 +89,35 @@ class TestEveryChain:
         np.testing.assert_allclose(mean_correction_um(read, POINTS), virtual_um(files, chain), rtol=0, atol=5e-3)
         at_reference = np.array([[of.axis(letter).reference_mm for letter in "XYZ"]])
         assert np.max(np.abs(mean_correction_um(read, at_reference))) < 0.2
+
+
+@pytest.mark.parametrize(("chain", "order", "number"), [("XFYZ", "XYZ", 1), ("XYFZ", "XYZ", 2), ("XYZF", "XYZ", 3)])
+class TestTurned:
+    """Axes under the workpiece that the axis parameters turn already: for who measures they are axes of the tool (ISG 296411019)."""
+
+    def lines(self, files: tuple[ControlFile, ...]) -> list[str]:
+        (lines,) = (file.data.decode("ascii").splitlines() for file in files if file.name == "volcomp_lines.txt")
+        return lines
+
+    def test_the_control_takes_them_as_axes_of_the_tool(self, chain: str, order: str, number: int) -> None:
+        """A control with workpiece_axes 0 holds the whole field; one that took them as axes of the workpiece would not."""
+        result = drawn(chain)
+        files = written("beckhoff", result, profile("beckhoff", chain, turned=True))
+        assert {f"chain {order}", "workpiece_axes 0"} <= set(self.lines(files))
+        assert left_um(result, virtual_um(files, f"F{order}")) < 0.1
+        plain = written("beckhoff", result, profile("beckhoff", chain))
+        assert f"workpiece_axes {number}" in self.lines(plain)
+        assert left_um(result, virtual_um(plain, f"F{order}")) > 0.4
+
+    def test_it_is_asked(self, chain: str, order: str, number: int) -> None:
+        with pytest.raises(UsageError, match=r"beckhoff\.turned: expected true or false") as refusal:
+            written("beckhoff", drawn(chain), profile("beckhoff", chain, turned=None))
+        assert ", ".join(order[:number]) in str(refusal.value)
+        assert "vz_istw" in str(refusal.value)
+
+
+def test_a_chain_without_axes_under_the_workpiece_asks_nothing() -> None:
+    assert written("beckhoff", drawn(), profile("beckhoff", turned=None))
 
 
 @pytest.mark.parametrize(("name", "origin_mm"), [("beckhoff", (2000.0, -4000.0, 1500.0)), ("heidenhain", (-3250.0, 100.0, -300.0))])

@@ -84,7 +84,7 @@ class TestReversal:
 
 
 def test_reversal_that_is_no_more_than_chance_makes_no_second_direction():
-    """0.8 um known to 0.3 um (k = 1) is within three standard uncertainties."""
+    """0.8 µm known to 0.3 µm (k = 1) is within three standard uncertainties."""
     curve = curves_of(made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0.8] * 5}), ["EXX"])[0]
     assert curve.reverse_um is None
 

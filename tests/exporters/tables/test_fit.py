@@ -23,7 +23,7 @@ CHAINS = ("FXYZ", "XFYZ", "XYFZ", "YXFZ", "XYZF")
 
 
 def drawn(seed: int, chain: str = "FXYZ", angle_urad: float = 10.0) -> Result:
-    """Return a machine with errors of 8 um and angles of about ``angle_urad``, zero at the first position of each axis."""
+    """Return a machine with errors of 8 µm and angles of about ``angle_urad``, zero at the first position of each axis."""
     rng = np.random.default_rng(seed)
 
     def wave(size: float) -> np.ndarray:

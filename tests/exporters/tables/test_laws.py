@@ -26,7 +26,7 @@ def table(**law):
     ],
 )
 def test_a_value_as_error_moves_the_axis_back(law, moved):
-    """controllers.md 1, by hand: 0.02 um/mm in the first section, 0.03 in the last; drawn on, held, or changed when a point is passed."""
+    """controllers.md 1, by hand: 0.02 µm/mm in the first section, 0.03 in the last; drawn on, held, or changed when a point is passed."""
     at = np.array([50.0, 100.0, 150.0, 300.0, 400.0, 500.0])
     assert correction_um(table(**law), at) == pytest.approx(moved)
 

@@ -37,7 +37,7 @@ class TestMitsubishi:
     def test_places_of_the_increments(self):
         """C64 p. 280: above the reference n holds n-1 to n, below it n to n+1; both are the rise of what is added.
 
-        A = -4 -1 0 +2 +5 um, in units of 0.5 um: sections +6 +2 | +4 +6, the reference number itself is empty.
+        A = -4 -1 0 +2 +5 µm, in units of 0.5 µm: sections +6 +2 | +4 +6, the reference number itself is empty.
         """
         _, files = listed(Mitsubishi(), profile("mitsubishi"), {"EXX": EXAMPLE})
         parameters = self.parameters(files)
@@ -53,7 +53,7 @@ class TestMitsubishi:
 
     @pytest.mark.parametrize("data", ["incremental", "absolute"])
     def test_the_smallest_scale_that_fits(self, data):
-        """Data are -128 to 127: 150 um in one section needs 300 units of 0.5 um, so a scale of 3; the far end is right to half a unit."""
+        """Data are -128 to 127: 150 µm in one section needs 300 units of 0.5 µm, so a scale of 3; the far end is right to half a unit."""
         which = profile("mitsubishi", data=data)
         plan, files = listed(Mitsubishi(), which, {"EXX": [-151.0, 0.0, 0.0, 100.0, 150.0]})
         (table,) = Mitsubishi().parse(files, which)
@@ -62,7 +62,7 @@ class TestMitsubishi:
         assert Mitsubishi().readable(plan.tables[0], which)[1:4] == ("#4001 AX1", "#4002 AX1", "#4003 4103")
 
     def test_the_largest_scale_is_written_and_read(self):
-        """Data -128 to 127, scale 1 to 99: 6280 um are 12,560 units of 0.5 um, 126.9 of 99 and 128.2 of 98."""
+        """Data -128 to 127, scale 1 to 99: 6280 µm are 12,560 units of 0.5 µm, 126.9 of 99 and 128.2 of 98."""
         which = profile("mitsubishi", data="absolute")
         _, files = listed(Mitsubishi(), which, {"EXX": [0.0, 0.0, 0.0, 0.0, -6280.0]})
         (table,) = Mitsubishi().parse(files, which)
@@ -124,7 +124,7 @@ class TestFagor:
         assert table.direction == 0
 
     def test_both_directions(self):
-        """The reversal of 6 um stands between the columns."""
+        """The reversal of 6 µm stands between the columns."""
         which = profile("fagor", direction="both")
         _, files = listed(FAGOR, which, {"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
         forward, reverse = FAGOR.parse(files, which)
@@ -142,7 +142,7 @@ class TestFagor:
         """No cross table is described: only positioning errors are listed."""
         plan, files = listed(FAGOR, profile("fagor"), {"EYX": [0.0, 3.0, 6.0, 3.0, 0.0]}, ("EXX", "EYX"))
         assert [file.name for file in files] == ["fagor_AX1.csv"]
-        assert "stays in the machine: EYX 6.0 um" in next(f.text for f in plan.findings if f.key == "function-left-out.no-table")
+        assert "stays in the machine: EYX 6.0 µm" in next(f.text for f in plan.findings if f.key == "function-left-out.no-table")
 
     @pytest.mark.parametrize(
         ("change", "message"),

@@ -1,6 +1,6 @@
 """What each form of table reaches on exact machines: surveyed with noise and leaning mirrors, solved with angles that are known to 1 urad.
 
-The goals are those of the issue that asks for the fit: 1.6, 1.6 and 1.4 um rms for nine tables; with products as much as the whole field
+The goals are those of the issue that asks for the fit: 1.6, 1.6 and 1.4 µm rms for nine tables; with products as much as the whole field
 on the same points, about 1.0 um.
 """
 

@@ -14,7 +14,9 @@ import numpy as np
 from structlog.contextvars import get_contextvars
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Place, message
 from stepdiag.base.names import AXES
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.volume import diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
@@ -46,6 +48,17 @@ REACH = Reach(
 )
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
 STRIP_BIN_S, STRIP_BINS = 0.02, 75
+COUNTS_LOST = tuple(
+    FindingStatus(
+        code="beam-lost",
+        severity="error",
+        text=f"npp out, stop {stop} of 30: the count was lost",
+        message=message("count-was-lost"),
+        at=Place(setup="npp", way="out", pass_number=1, stop=stop, last=30),
+    )
+    for stop in range(5, 13)
+)
+"""One cause at eight stops."""
 
 
 class PlayedSurvey:
@@ -94,8 +107,9 @@ class PlayedSurvey:
         self.snapshots_taken += 1
         now = time.monotonic()
         links = {name: self._link(name, now - heard) for name, heard in self._heard.items()}
-        outward = self.fields.get("expects_pass", 1) % 2 == 1
-        drawn = geometry(VOLUME, "xyz", self.fields["setups"], self.fields["expects_setup"], outward=outward)
+        setups, expects = self.fields["setups"], self.fields["expects_setup"]
+        runs = tuple(Run(setup=name) for name in dict.fromkeys((*(one.name for one in setups), expects)) if name)
+        drawn = geometry(Plan(volume=VOLUME, runs=runs), setups, expects, self.fields.get("expects_pass", 1))
         fields = {"strip": self._strip(now), **self.fields}
         return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **fields)
 

@@ -112,7 +112,7 @@ class Timeline:
         return self.schedule()[-1][1] + 1.0
 
     def reading(self, t):
-        """Return the laser's true reading at times t: standing with a settling swing of 5 um, moving in between."""
+        """Return the laser's true reading at times t: standing with a settling swing of 5 µm, moving in between."""
         knots_t, knots_r = [0.0], [self.stops[0].reading]
         for (begin, end), stop in zip(self.schedule(), self.stops, strict=True):
             knots_t += [begin, end]

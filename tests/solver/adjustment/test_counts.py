@@ -25,6 +25,6 @@ def test_counts_of_repeats_that_share_their_rows_are_as_by_the_definition():
 
 
 def test_the_components_of_a_walk_make_its_covariance():
-    """Of a walk of 1 um a step readings i and j have min(i, j) steps in common; with as many components as steps nothing is left out."""
+    """Of a walk of 1 µm a step readings i and j have min(i, j) steps in common; with as many components as steps nothing is left out."""
     walk = walk_of(12)
     np.testing.assert_allclose(walk @ walk.T, np.minimum.outer(np.arange(12), np.arange(12)), atol=1e-12)

@@ -60,7 +60,7 @@ def codes_of(found):
 @pytest.mark.parametrize("size_um", [5.0, -200.0])
 @pytest.mark.parametrize("how", [{}, {"passes": (1, 2), "joined": True}], ids=["one-way", "out-and-back"])
 def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
-    """Driven once, another pass may explain 5 um as well: then both are named, and nothing is exported."""
+    """Driven once, another pass may explain 5 µm as well: then both are named, and nothing is exported."""
     squares = []
     for seed in range(2):
         bench = Bench(seed=seed)
@@ -90,7 +90,7 @@ def scores(bench, result):
 
 
 def test_a_step_too_small_to_prove_lies_within_u_or_is_refused():
-    """2 um are four times what one approach of an ordinary machine misses by: the noise is estimated larger, U holds the truth."""
+    """2 µm are four times what one approach of an ordinary machine misses by: the noise is estimated larger, U holds the truth."""
     found = []
     for seed in range(8):
         bench = Bench(seed=seed)
@@ -125,7 +125,7 @@ def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
 
 @pytest.mark.parametrize("step_um", [1.2, 5.0, 20.0])
 def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
-    """Steps of 1.2 um from stop to stop are what the moves of an ordinary machine miss by; 20 um no machine's are."""
+    """Steps of 1.2 µm from stop to stop are what the moves of an ordinary machine miss by; 20 µm no machine's are."""
     for seed in (3, 4):
         bench = Bench(seed=seed)
         readings = bench.survey()
@@ -142,7 +142,7 @@ def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
 
 @pytest.mark.parametrize("um_m", [100.0, 200.0])
 def test_a_setup_that_is_off_by_more_than_any_shop_is_refused_with_every_setup_that_could_be(um_m):
-    """One length compares all seven setups. 70 um/m on one diagonal are refused in one survey of two, 50 um/m are said."""
+    """One length compares all seven setups. 70 µm/m on one diagonal are refused in one survey of two, 50 µm/m are said."""
     for seed in (101, 102):
         readings = Bench(seed=seed).survey()
         longer = np.where(np.array(readings.setup) == "npp", 1 + 1e-6 * um_m, 1.0)
@@ -174,7 +174,7 @@ def test_a_machine_that_warms_is_in_the_model_and_blames_no_stop(um_m, how):
 
 
 def test_growth_that_stands_out_of_its_uncertainty_is_reported_with_its_size():
-    """100 um/m in the 0.9 h of a survey out and back, of which the first half hour is known to 50 um/m."""
+    """100 µm/m in the 0.9 h of a survey out and back, of which the first half hour is known to 50 µm/m."""
     for seed in range(2):
         readings = Bench(seed=seed).survey(passes=(1, 2))
         (finding,) = [each for each in solve(warmed(readings, 100.0)).findings if each.key == "drift-large.growth"]
@@ -198,7 +198,7 @@ def test_a_machine_that_is_warmer_at_every_setup_lies_within_u():
 
 
 def test_the_scale_misclosure_is_reported_with_its_uncertainty():
-    """All diagonals 20 um/m too long: 14 um on a diagonal of 0.707 m."""
+    """All diagonals 20 µm/m too long: 14 µm on a diagonal of 0.707 m."""
     readings = Bench(seed=1).survey()
     longer = np.where([name in DIAGONALS for name in readings.setup], 1 + 20e-6, 1.0)
     apart, u = scale_misclosure(adjusted(readings))

@@ -91,7 +91,7 @@ def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
 
 @pytest.mark.parametrize(("error_um", "least"), [(4.0, 0), (20.0, 5)])
 def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several(error_um, least):
-    """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said. 4 um pass for noise that so few
+    """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said. 4 µm pass for noise that so few
     readings show, and the result moves by less than its U (2 u)."""
     readings, before = clean(DIAGONALS)
     named = 0

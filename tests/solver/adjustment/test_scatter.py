@@ -56,9 +56,9 @@ def found_in(readings, **assumed):
 @pytest.mark.parametrize("way", [*WAYS, "three orders"])
 @pytest.mark.parametrize("misses_um", [0.1, 0.5, 1.5])
 def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
-    """0.5 um assumed. The mean over four surveys within a quarter, each within a factor of 1.7: some 25 to 100 moves are checked in each.
+    """0.5 µm assumed. The mean over four surveys within a quarter, each within a factor of 1.7: some 25 to 100 moves are checked in each.
 
-    0.1 um are half the noise: there a survey tells little more than that it is no larger than 0.25 um.
+    0.1 µm are half the noise: there a survey tells little more than that it is no larger than 0.25 um.
     """
     sizes = []
     for seed in range(4):
@@ -73,8 +73,8 @@ def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
 
 @pytest.mark.parametrize("way", ["out and back", "three times"])
 def test_noise_beside_what_is_stated_is_told_from_misses(way):
-    """0.1 um are stated and 0.6 um are there, beside misses of 0.3 um: found within a factor of 2.2, as 0.05 um are assumed beside what is
-    stated and 0.5 um of misses, which look much alike; and named."""
+    """0.1 µm are stated and 0.6 µm are there, beside misses of 0.3 µm: found within a factor of 2.2, as 0.05 µm are assumed beside what is
+    stated and 0.5 µm of misses, which look much alike; and named."""
     for seed in range(3):
         clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=WAYS[way])
         found = found_in(drawn(clean, seed, misses_um=0.3, noise_um=0.6, stated_um=0.1))
@@ -84,7 +84,7 @@ def test_noise_beside_what_is_stated_is_told_from_misses(way):
 
 
 def test_the_noise_of_one_setup_is_told_from_that_of_the_others():
-    """Vibration of 2 um at one mirror stand, 0.1 um at the others: it is found there and named."""
+    """Vibration of 2 µm at one mirror stand, 0.1 µm at the others: it is found there and named."""
     for seed in range(3):
         clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2))
         shaking = np.array(clean.setup) == "pnp"
@@ -129,5 +129,5 @@ def test_what_was_found_is_said_beside_what_was_assumed():
     found = found_in(drawn(clean, 2, misses_um=1.5, noise_um=0.2))
     (said,) = [each for each in scatter_findings(found) if each.code == "repeatability-found"]
     assert said.severity == "info"
-    assert f"repeats to {found.scatter.repeatability_um:.2g} um" in said.text
+    assert f"repeats to {found.scatter.repeatability_um:.2g} µm" in said.text
     assert "assumed 0.5" in said.text

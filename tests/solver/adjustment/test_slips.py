@@ -102,7 +102,7 @@ def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(
 
 @pytest.mark.parametrize("increments", [4, 5])
 def test_out_and_back_on_one_count_from_four_increments_on_2_um_are_named(increments):
-    """Readings to 0.1 um, at a drawn stop: none of 60 surveys (four, five, ten increments) was silent."""
+    """Readings to 0.1 µm, at a drawn stop: none of 60 surveys (four, five, ten increments) was silent."""
     for seed in (60, 61):
         bench = Bench(seed=seed, increments=increments, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
         readings = bench.survey(passes=(1, 2), joined=True)
@@ -115,8 +115,8 @@ def test_out_and_back_on_one_count_from_four_increments_on_2_um_are_named(increm
 
 @pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS, DIAGONALS[:2]], ids=["all", "diagonals", "two diagonals"])
 def test_a_slip_at_the_turn_that_harms_nothing_does_not_hide_those_that_do(setups):
-    """On one count it looks like backlash and is seen least of all, without runs not at all: the conclusion said that 5 um there make
-    0.0 um of the volume, or that nothing would tell a slip there and driving out and back would."""
+    """On one count it looks like backlash and is seen least of all, without runs not at all: the conclusion said that 5 µm there make
+    0.0 µm of the volume, or that nothing would tell a slip there and driving out and back would."""
     bench = Bench(seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
     slips = solve(bench.survey(setups, passes=(1, 2), joined=True)).unseen_slip
     for each in slips:
@@ -139,7 +139,7 @@ def test_a_diagonal_alone_tells_no_slip_at_all():
 
 
 def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_blames_the_machine():
-    """A slip in it looks like a machine that grows: the export stops, where the growth was taken off and the scales 8 um off."""
+    """A slip in it looks like a machine that grows: the export stops, where the growth was taken off and the scales 8 µm off."""
     bench = Bench(seed=3, increments=2, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
     readings = bench.survey()
     runs = solve(readings).unseen_slip.runs

@@ -36,13 +36,12 @@ def test_signs_and_lever_from_two_distances(signs):
     assert found.lever_mm == pytest.approx([350.0, 1350.0], abs=1e-3)
     assert (found.dead_path_mm, found.lever_scale) == pytest.approx((350.0, 1.0), abs=1e-3)
     assert found.angle_gain == pytest.approx(1.0, abs=1e-6)
-    assert found.findings == ()
 
 
 def test_noise_is_in_the_uncertainty():
     found = signs_and_lever([standstill(distance, noise_um=1.0) for distance in (0.0, 1000.0)])
     assert abs(found.dead_path_mm - 350.0) < 3 * found.u_dead_path_mm
-    # half of 1 um over the rms wobble and the root of the number of samples
+    # half of 1 µm over the rms wobble and the root of the number of samples
     expected_mm = 1e3 * 0.5 / np.linalg.norm(WOBBLE_URAD - WOBBLE_URAD.mean())
     assert found.u_lever_mm == pytest.approx([expected_mm] * 2, rel=0.3)
 
@@ -102,18 +101,25 @@ def test_three_samples_tell_a_sign_and_two_do_not():
 
 
 @pytest.mark.parametrize("gain", [0.96, 1.04, 0.94, 1.06])
-def test_a_gain_is_named_from_five_percent_on(gain):
-    """What a detector says too strongly makes the lever grow too little, and the other detector answer too little."""
+def test_a_gain_is_refused_from_five_percent_on(gain):
+    """What a detector reads too strongly makes the lever grow too little, and the other detector answer too little."""
     one, other = (noisy(travel, 7, noise_um=0.0) for travel in (0.0, 1000.0))
     wobbles = [replace(each, psd1_urad=gain * each.psd1_urad) for each in (one, other)]
-    found = signs_and_lever(wobbles)
-    assert (found.lever_scale, found.angle_gain) == pytest.approx((1 / gain, 1 / gain))
-    texts = " ".join(finding.text for finding in found.findings)
     if abs(gain - 1) < 0.05:
-        assert not texts
-    else:
-        assert f"the lever grows {1 / gain:.3f} mm per mm of travel" in texts
-        assert f"PSD2 answers {1 / gain:.3f} times as strongly" in texts
+        found = signs_and_lever(wobbles)
+        assert (found.lever_scale, found.angle_gain) == pytest.approx((1 / gain, 1 / gain))
+        return
+    with pytest.raises(DataError, match=rf"gains from 0.95 to 1.05, found a lever that grows {1 / gain:.3f} mm per mm of distance"):
+        signs_and_lever(wobbles)
+    with pytest.raises(DataError, match=rf"found PSD2 answers {1 / gain:.3f} times as strongly as PSD1"):
+        signs_and_lever(wobbles[:1])
+
+
+def test_swapped_distances_are_refused_by_name():
+    """A lever of -1 mm per mm was written, and no reader took the file."""
+    near, far = noisy(0.0, 7, noise_um=0.0), noisy(1000.0, 7, noise_um=0.0)
+    with pytest.raises(DataError, match=r"grows -1\.000 mm per mm of distance; .* are the distances swapped"):
+        signs_and_lever([replace(near, travel_mm=1000.0), replace(far, travel_mm=0.0)])
 
 
 def test_noise_of_the_drift_detector_does_not_shorten_the_lever():
@@ -144,10 +150,12 @@ def test_one_distance_assumes_that_the_lever_grows_with_the_travel():
     assert found.dead_path_mm == pytest.approx(350.0, abs=1e-3)
 
 
-def test_wrong_focal_length_shows_as_lever_and_gain():
-    found = signs_and_lever([standstill(distance, psd1_gain=1.25) for distance in (0.0, 1000.0)])
-    assert found.lever_scale == pytest.approx(0.8, abs=1e-3)
-    assert [finding.code for finding in found.findings] == ["fourdof-gain-mismatch"] * 2
+def test_a_gain_that_noise_may_have_made_is_not_refused():
+    """PSD2 with noise of a tenth of the wobble, 40 times: no refusal, though the gain is off by up to 7 per cent."""
+    for seed in range(40):
+        one = standstill(1000.0)
+        noise = np.random.default_rng(seed).normal(0, 10.0, len(one.psd1_urad))
+        signs_and_lever([replace(one, psd2_urad=one.psd2_urad + noise)])
 
 
 def test_still_beam_tells_no_sign():
@@ -180,7 +188,7 @@ STRAIGHTNESS_UM = np.linspace(-650, 650, 27)
 
 @pytest.mark.parametrize(("kind", "degree"), [("erf", 1), ("erf", 3), ("polynomial", 9)])
 def test_quadrant_detector_is_straight_to_the_published_limit(kind, degree):
-    """Feng 2008: +-1.5 um over +-650 um of straightness; the spot moves twice that. Reference noise 0.3 um, spot radius 2 mm."""
+    """Feng 2008: +-1.5 µm over +-650 µm of straightness; the spot moves twice that. Reference noise 0.3 µm, spot radius 2 mm."""
     shift = 2 * STRAIGHTNESS_UM
     noise = np.random.default_rng(3).normal(0, 0.3, len(shift))
     fit = fit_curve(gaussian_cell(shift + noise, 2000.0), shift, kind=kind, degree=degree)
@@ -208,7 +216,7 @@ def test_angle_detector_is_straight_to_the_published_limit():
 
 
 def test_uncertainty_of_the_curve_holds_the_errors():
-    """Over 200 calibrations with 0.5 um of noise the curve's stated u covers its error in about two of three cases."""
+    """Over 200 calibrations with 0.5 µm of noise the curve's stated u covers its error in about two of three cases."""
     shift, rng = np.linspace(-500, 500, 15), np.random.default_rng(5)
     hits = [_covered(shift, shift + rng.normal(0, 0.5, 15)) for _ in range(200)]
     assert 0.6 < np.mean(hits) < 0.76

@@ -63,7 +63,7 @@ def test_the_uncertainty_of_the_drift_holds_the_truth(amplitude, noise):
 
 
 def test_a_quick_drift_that_the_spot_shows_is_compensated_all_the_same():
-    """A beam that jumps from stop to stop by 2 urad is no noise: the spot jumps too, by 16 um at 8 m."""
+    """A beam that jumps from stop to stop by 2 urad is no noise: the spot jumps too, by 16 µm at 8 m."""
     left, word = [], []
     for seed in range(8):
         pointing, found, seen, lever = run(seed, amplitude=0.0, noise=0.03, shown=0.03, jitter=2.0, points=41)

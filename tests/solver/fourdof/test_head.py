@@ -20,13 +20,13 @@ def head(**changes):
 
 
 def test_angle_of_the_beam_by_equation_1():
-    """Feng Eq. 1: tan(alpha) = dx / f; 30 arc-seconds at f = 300 mm are 43.63 um (theory.md 9: 1 arc-second = 4.8481 urad)."""
+    """Feng Eq. 1: tan(alpha) = dx / f; 30 arc-seconds at f = 300 mm are 43.63 µm (theory.md 9: 1 arc-second = 4.8481 urad)."""
     assert pytest.approx(4.848136811095, abs=1e-9) == URAD_PER_ARCSEC
     assert beam_angle_urad(43.633, 300.0) / URAD_PER_ARCSEC == pytest.approx(30.0, abs=1e-3)
 
 
 def test_equations_2_to_5_by_hand():
-    """Lever 1000 mm, drift seen 10 urad, QD 30 um, PSD2 50 urad: 30/2 - 10 = 5 um and (50 + 10)/2 = 30 urad."""
+    """Lever 1000 mm, drift seen 10 urad, QD 30 µm, PSD2 50 urad: 30/2 - 10 = 5 µm and (50 + 10)/2 = 30 urad."""
     shifts = [30.0, 0.0, 3.0, 0.0, 15.0, 0.0]
     found = motion(channels_of(shifts), [700.0], head())
     assert found.straightness_um[0] == pytest.approx([5.0, 0.0], abs=1e-6)
@@ -41,7 +41,7 @@ small = st.floats(-50, 50)
 
 @given(small, small, small, small, small, small, st.floats(0, 3000), st.floats(0, 400))
 def test_drift_of_the_source_vanishes_from_all_four(x_um, y_um, a_urad, b_urad, drift_x, drift_y, travel_mm, extra_mm):
-    """Exact rays: 50 urad of pointing at 3 m would be 170 um of straightness; second order leaves nanometres."""
+    """Exact rays: 50 urad of pointing at 3 m would be 170 µm of straightness; second order leaves nanometres."""
     rays = RayHead(**Z_BEAM, extra_mm=extra_mm)
     shifts = rays.shifts_um(
         300.0 + travel_mm, shift_mm=(1e-3 * x_um, 1e-3 * y_um, 0), turn_urad=(a_urad, b_urad, 0), pointing_urad=(drift_x, drift_y)
@@ -78,7 +78,7 @@ def test_power_of_the_laser_is_no_shift():
 
 
 def test_cube_off_the_reference_point_is_corrected():
-    """theory.md 9: 30 mm of lateral offset and 10 urad of roll are 0.3 um; 40 mm along the beam and 50 urad of pitch 2 um."""
+    """theory.md 9: 30 mm of lateral offset and 10 urad of roll are 0.3 µm; 40 mm along the beam and 50 urad of pitch 2 um."""
     vertex = np.array([20.0, 30.0, -40.0])
     shifts = RayHead(**Z_BEAM, vertex_mm=vertex).shifts_um(500.0, turn_urad=(50.0, 0, 10.0))
     plain = motion(channels_of(shifts), [160.0], head()).straightness_um[0]
@@ -122,13 +122,13 @@ def test_detectors_out_of_focus_are_corrected():
 
 
 def test_bending_air_is_not_undone():
-    """theory.md 9: a static index gradient shows nothing on PSD1, so 80 um on the QD stay 40 um of straightness."""
+    """theory.md 9: a static index gradient shows nothing on PSD1, so 80 µm on the QD stay 40 µm of straightness."""
     found = motion(channels_of([80.0, 0, 0, 0, 0, 0]), [7700.0], head())
     assert found.straightness_um[0, 0] == pytest.approx(40.0)
 
 
 def test_uncertainty_of_the_calibration_reaches_the_result():
-    """QD 1 um, PSDs 0.3 um at 300 mm (1 urad) at a lever of 1 m: hypot(0.5, 1) um and hypot(1, 1)/2 urad."""
+    """QD 1 µm, PSDs 0.3 µm at 300 mm (1 urad) at a lever of 1 m: hypot(0.5, 1) um and hypot(1, 1)/2 urad."""
     axes = [DetectorAxis(curve=Curve(coefficients_um=(0, 5000.0), u_um=u)) for u in (1.0, 0.3)]
     qd, psd = (Detector(x=axis, y=axis) for axis in axes)
     found = motion(channels_of(np.zeros(6)), [700.0], head(qd=qd, psd1=psd, psd2=psd))
@@ -163,12 +163,12 @@ def test_sample_without_usable_light_is_named_and_empty(channels, code, words):
 @pytest.mark.parametrize(
     ("shifts", "key", "words"),
     [
-        ([1310.0, 0, 0, 0, 0, 0], "straightness", "straightness beyond +-650 um"),
+        ([1310.0, 0, 0, 0, 0, 0], "straightness", "straightness beyond +-650 µm"),
         ([0, 0, 0, 0, 0, 1800.0], "angle", "angle beyond +-600 arc-seconds"),
     ],
 )
 def test_motion_beyond_the_published_range_is_reported(shifts, key, words):
-    """Feng 2008, abstract: calibrated over +-650 um and +-600 arc-seconds."""
+    """Feng 2008, abstract: calibrated over +-650 µm and +-600 arc-seconds."""
     found = motion(channels_of(shifts), [0.0], head())
     assert [finding.key for finding in found.findings] == [f"fourdof-out-of-range.{key}"]
     assert found.findings[0].text.startswith(words)

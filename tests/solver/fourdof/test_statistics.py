@@ -26,8 +26,8 @@ def wandering(distance_mm, pointing_urad, noise_um=0.3):
 
 
 def test_straightness_at_eight_metres_settles_as_published():
-    """Feng 2008, 3.1: 25 um fall to 12 um or less at 8 m, where the drift is the source's pointing (detector noise 0.05 um:
-    the lever of 8 m makes 1.3 um of it)."""
+    """Feng 2008, 3.1: 25 µm fall to 12 µm or less at 8 m, where the drift is the source's pointing (detector noise 0.05 µm:
+    the lever of 8 m makes 1.3 µm of it)."""
     pointing = 25 / 8 / 2 * np.sin(np.linspace(0, 12, 200))
     seen = wandering(8000.0, pointing, noise_um=0.05)
     figures = stability(seen.raw_straightness_um[:, 0], seen.straightness_um[:, 0], 5.0)

@@ -35,7 +35,7 @@ def test_an_unmeasured_angle_is_no_mistake(angle_urad):
 
 @pytest.mark.parametrize(("setup", "number"), [("npp", 1), ("ppn", 2)])
 def test_a_pass_that_is_wrong_everywhere_is_named(setup, number):
-    """Nobody but the solver sees it: every stop of one pass of four diagonals out and back is off by some 20 um, each by another amount."""
+    """Nobody but the solver sees it: every stop of one pass of four diagonals out and back is off by some 20 µm, each by another amount."""
     clean = survey(angle_urad=10.0)
     rows = np.flatnonzero((np.array(clean.setup) == setup) & (np.array(clean.pass_number) == number))
     off = np.random.default_rng(1).normal(scale=20.0, size=len(rows))
@@ -46,7 +46,7 @@ def test_a_pass_that_is_wrong_everywhere_is_named(setup, number):
 
 
 def test_a_count_that_slipped_once_is_repaired_and_named():
-    """200 um in the middle of one pass: one more unknown explains it all, and nothing is refused."""
+    """200 µm in the middle of one pass: one more unknown explains it all, and nothing is refused."""
     clean = survey(angle_urad=10.0)
     rows = (np.array(clean.setup) == "npp") & (np.array(clean.pass_number) == 1) & (np.array(clean.stop) >= 7)
     findings = solve(shifted(clean, rows, 200.0), chain="FXYZ", method="estimate").findings
@@ -83,7 +83,7 @@ def test_a_setup_that_drifts_far_more_than_usual_is_named_and_harms_nothing(um):
 
 @pytest.mark.parametrize("um", [12.0, 60.0])
 def test_a_drift_that_was_stated_hides_and_harms_nothing(um):
-    """Who states 20 um of drift hears nothing of 12 to 60: compensated by the result the machine errs by less than a tenth of before, and
+    """Who states 20 µm of drift hears nothing of 12 to 60: compensated by the result the machine errs by less than a tenth of before, and
     the interval holds what was there; what will be left is not promised too small."""
     bench = Bench(seed=3, increments=5, angle_urad=2.0)
     clean = bench.survey((*DIAGONALS, *LINEAR), passes=(1, 2))

@@ -45,7 +45,7 @@ def worst_shape_um(result):
 
 
 def test_golden_separable_survey():
-    """Theory 11: truth 20 / 8 / -15 urad, S = 6.379 um; second order in the 0.4 mrad tilts is corrected: 1 nm, 0.02 urad remain."""
+    """Theory 11: truth 20 / 8 / -15 urad, S = 6.379 µm; second order in the 0.4 mrad tilts is corrected: 1 nm, 0.02 urad remain."""
     result = solve(golden("separable"), assumed=IDEAL)
     assert worst_shape_um(result) < 0.001
     assert result.squareness["C0Y"].value == pytest.approx(-20.0, abs=0.02)
@@ -57,7 +57,7 @@ def test_golden_separable_survey():
 
 
 def test_golden_rigid_body_survey():
-    """Theory 5.2 and 11: 13.96 um uncorrected, within 15 nm with the angles given."""
+    """Theory 5.2 and 11: 13.96 µm uncorrected, within 15 nm with the angles given."""
     assert worst_shape_um(solve(golden("rigidbody_FXYZ"))) > 5.0
     assert worst_shape_um(solve(golden("rigidbody_FXYZ"), angles=golden_angles())) < 0.015
 
@@ -77,16 +77,16 @@ def rms_over_seeds(**options):
 
 
 def test_four_diagonals_and_three_linear_runs():
-    """At most 0.95 um of 11.7 um: 0.3 um noise (linear 0.2), mirror and beam 0.5 mrad out in different directions.
+    """At most 0.95 µm of 11.7 µm: 0.3 µm noise (linear 0.2), mirror and beam 0.5 mrad out in different directions.
 
-    0.84 um where the machine is known to miss no target, 0.854 where the readings have to say so."""
+    0.84 µm where the machine is known to miss no target, 0.854 where the readings have to say so."""
     after, before = rms_over_seeds()
     assert before > 10.0
     assert after < 0.87
 
 
 def test_what_is_left_is_the_noise_of_the_readings_however_large_the_machines_errors():
-    """Machines of 14.4 um are left at what those of 11.3 um are (twelve at 0.84 um, above): nothing the estimator adds grows with them."""
+    """Machines of 14.4 µm are left at what those of 11.3 µm are (twelve at 0.84 µm, above): nothing the estimator adds grows with them."""
     for seed in range(3):
         larger = Bench(seed=seed, errors_times=14.4 / 11.26)
         squares = np.array([left_um(larger, solve(larger.survey())), left_um(Bench(seed=seed), solved(seed))])
@@ -96,7 +96,7 @@ def test_what_is_left_is_the_noise_of_the_readings_however_large_the_machines_er
 
 
 def test_angular_errors_known_to_one_microradian():
-    """At most 1.0 um of 12.2 um with 10 urad angular errors."""
+    """At most 1.0 µm of 12.2 µm with 10 urad angular errors."""
     after, before = rms_over_seeds(angle_urad=10.0)
     assert before > 10.0
     assert after < 0.95
@@ -345,7 +345,7 @@ def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
     result = solve(boasting)
     (finding,) = [finding for finding in result.findings if finding.key == "stated-u-low"]
     assert finding.severity == "warning"
-    assert "stops state 0.3 um" in finding.text
+    assert "stops state 0.3 µm" in finding.text
     assert result.errors["EYX"].u[5] == pytest.approx(solve(honest.survey()).errors["EYX"].u[5], rel=0.35)
     assert np.mean(np.abs(scores(honest, result)) < 2.0) > 0.93
     assert "stated-u-low" not in {finding.key for finding in solve(honest.survey()).findings}

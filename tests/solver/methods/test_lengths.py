@@ -43,7 +43,7 @@ def both():
 
 
 def test_each_way_says_both_lengths_and_both_hold_the_truth(both):
-    """7 C of 11.7 um/m/C are 81.9 um/m; whichever way the readings came, 2 u hold the truth at both temperatures."""
+    """7 C of 11.7 µm/m/C are 81.9 µm/m; whichever way the readings came, 2 u hold the truth at both temperatures."""
     for result in both:
         lengths = written(result.lengths)
         for axis, letter in enumerate("XYZ"):
@@ -57,7 +57,7 @@ def test_each_way_says_both_lengths_and_both_hold_the_truth(both):
 
 
 def test_the_tables_correct_what_is_said_and_the_others_carry_the_material(both):
-    """u at 20 C holds 0.3 C of 11.7 um/m/C and 1 um/m/C of 7 C: 7.8 um/m; as measured neither (theory 8.7)."""
+    """u at 20 C holds 0.3 C of 11.7 µm/m/C and 1 µm/m/C of 7 C: 7.8 µm/m; as measured neither (theory 8.7)."""
     for result, here, other in ((both[0], "as_measured", "at_20_c"), (both[1], "at_20_c", "as_measured")):
         lengths = written(result.lengths)
         for letter, scale in result.scale.items():
@@ -108,7 +108,7 @@ def test_what_nobody_measured_is_not_20_c():
 
 @pytest.mark.parametrize(("reduced", "severity"), [(False, "info"), (True, "warning")])
 def test_a_temperature_that_nobody_measured_is_said(reduced, severity, both):
-    """As measured it says for what the lengths hold; brought to 20 C, what was assumed for it is in U: 3.5 C of 11.7 um/m/C."""
+    """As measured it says for what the lengths hold; brought to 20 C, what was assumed for it is in U: 3.5 C of 11.7 µm/m/C."""
     made = readings(reduced=reduced)
     result = solve(replace(made, temperature_c=np.full(len(made), np.nan)))
     assert [one.severity for one in result.findings if one.code == "material-unmeasured"] == [severity]
@@ -151,7 +151,7 @@ def test_a_scale_that_is_not_identified_has_no_length_anywhere():
 
 
 def test_the_uncertainty_of_the_material_counts_from_the_temperature_that_was_measured():
-    """The survey file's 20 C is no measurement: 1 um/m/C of 7 C counts, wherever the file stands."""
+    """The survey file's 20 C is no measurement: 1 µm/m/C of 7 C counts, wherever the file stands."""
     found = at_their_temperature(readings(reduced=True), Assumptions(), "readings")
     assert found.material_c == pytest.approx((WARM_C,) * 3)
     assert found.reduced_to_20_c

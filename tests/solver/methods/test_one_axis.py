@@ -58,7 +58,7 @@ def test_the_axis_is_measured_and_everything_else_is_null_and_named():
     off_um = function.value - (true(function.position_mm) - true(function.position_mm[:1]))
     # the machine's scales are part of the function: slope and all
     assert np.all(np.abs(off_um) <= np.maximum(2.5 * function.u, 0.05))
-    # at the nodes and at the run's own targets, each of which the stops lie beside by up to 2 um
+    # at the nodes and at the run's own targets, each of which the stops lie beside by up to 2 µm
     assert all(np.min(np.abs(function.position_mm - target)) < 0.003 for target in OWN)
     assert result.scale["X"].identified
     for name in set(DISPLACEMENTS) - {"EXX"}:

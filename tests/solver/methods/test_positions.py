@@ -92,7 +92,7 @@ def test_any_mixture_of_decimals(n, decimals, incremental, uneven, seed):
 
 
 def test_a_fine_program_of_two_decimals_in_g91():
-    """Forty increments add up 5 um each: the ends lie 0.2 mm beside the box, which is what recording takes too."""
+    """Forty increments add up 5 µm each: the ends lie 0.2 mm beside the box, which is what recording takes too."""
     survey = Beside(bench=Bench(seed=3, increments=37), setups=DIAGONALS, passes=(1,), stands=rounded(lambda *_: 2, incremental=True))
     same_answer(survey, 200.0)
 
@@ -141,7 +141,7 @@ def test_runs_of_their_own_targets_with_one_decimal():
 
 
 def test_with_shifted_beams_the_angles_are_the_same():
-    """Their scatter is divided by the shift of the beam: 3 um at 50 mm are 60 urad, of which the correction leaves next to nothing."""
+    """Their scatter is divided by the shift of the beam: 3 µm at 50 mm are 60 urad, of which the correction leaves next to nothing."""
     offsets = {"ppp+1": (0.0, 60.0, 0.0), "npp+1": (0.0, 0.0, 50.0), "pnp+1": (70.0, 0.0, 0.0), "ppn+1": (0.0, 40.0, 0.0)}
     bench = Bench(seed=3, increments=5, tilt_mrad=1.0, angle_urad=8.0, beam_offset_mm=offsets)
     survey = Beside(bench=bench, setups=(*DIAGONALS, *LINEAR, *offsets), stands=scattered(3.0, 5))
@@ -156,7 +156,7 @@ def test_with_shifted_beams_the_angles_are_the_same():
 @pytest.mark.parametrize(
     ("stands", "size_um"),
     [(scattered(3.0, 5), 3.0), (scattered(90.0, 7), 90.0), (rounded(lambda setup, number: 2), 5.0)],
-    ids=["3 um", "90 um", "2 decimals"],
+    ids=["3 µm", "90 µm", "2 decimals"],
 )
 @pytest.mark.parametrize("setups", [DIAGONALS, (*DIAGONALS, *LINEAR)], ids=["diagonals", "diagonals and runs"])
 def test_with_a_head_on_every_axis(stands, size_um, setups):
@@ -221,7 +221,7 @@ def test_as_written_is_exact():
 
 
 def test_a_direction_that_is_barely_seen_is_not_identified():
-    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number."""
+    """A laser that scatters by 60 µm on the run along X tells the scale worse than what is usual (28 µm/m): no number."""
     survey = Beside(bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3)
     readings = survey.readings()
     noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)

@@ -29,7 +29,7 @@ def remaining_um(bench, result):
 
 
 def test_constant_backlash_of_each_axis_is_found_within_its_uncertainty():
-    """Truth 8 / 5 / 3 um: of 24 values 90 % and more lie within U, and U says a micrometre."""
+    """Truth 8 / 5 / 3 µm: of 24 values 90 % and more lie within U, and U says a micrometre."""
     inside = []
     for seed in range(8):
         found = backlash_numbers(
@@ -51,7 +51,7 @@ def test_the_reversal_functions_hold_their_value_and_say_that_it_is_known():
 
 
 def test_backlash_that_varies_is_followed():
-    """2 um at the low end, 6 at the high end: what reversal changes is found from the data, not held."""
+    """2 µm at the low end, 6 at the high end: what reversal changes is found from the data, not held."""
     bench = Bench(seed=1, reversal={"EXX": lambda p: 2.0 + 4.0 * p / 500.0})
     result = solve(bench.survey(passes=(1, 2), joined=True))
     assert np.all(np.abs(result.reversal["EXX"].value - np.linspace(2, 6, 11)) < 3 * result.reversal["EXX"].u)
@@ -78,7 +78,7 @@ def test_a_common_zero_does_not_change_a_machine_without_reversal():
 
 
 def test_out_and_back_diagonals_beside_one_way_linear_runs_are_no_worse_than_one_way():
-    """Four machines with 8 / 5 / 3 um of backlash: more readings of the same machine bring no less."""
+    """Four machines with 8 / 5 / 3 µm of backlash: more readings of the same machine bring no less."""
     benches = [Bench(seed=seed, increments=5, reversal=PLAY) for seed in range(4)]
     one_way = [remaining_um(bench, solve(bench.survey())) for bench in benches]
     both = [remaining_um(bench, solve(bench.survey(passes=(1, 2), linear_passes=(1,)))) for bench in benches]
@@ -115,7 +115,7 @@ def read_in_joined_counts(bench, passes_of):
     ids=["runs both ways", "all but one both ways", "one run alone"],
 )
 def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_both_ways(passes_of):
-    """Truth 8 / 5 / 3 um in repeatable readings, that the count of no setup jumped by."""
+    """Truth 8 / 5 / 3 µm in repeatable readings, that the count of no setup jumped by."""
     for seed in range(4):
         bench = Bench(seed=seed, increments=5, reversal=PLAY)
         result = solve(read_in_joined_counts(bench, passes_of))
@@ -137,7 +137,7 @@ def begun_from_within(readings, backlash_um):
 
 @pytest.mark.parametrize("backlash_um", [5.0, 20.0])
 def test_backlash_at_first_stops_without_overrun_is_one_size_of_each_axis(backlash_um):
-    """Driven once, the same 20 um stand in the first stops of every pass: they are no chance, and cost the scales little."""
+    """Driven once, the same 20 µm stand in the first stops of every pass: they are no chance, and cost the scales little."""
     left, without, inside = [], [], []
     for seed in range(4):
         bench = Bench(seed=seed)

@@ -129,7 +129,7 @@ for seed in (0, 1, 2):
 def test_what_is_not_identified_leaves_no_trace_of_the_processor():
     """A survey of one diagonal identifies little; the arbitrary rest of a solution is another one on another kernel of the products.
 
-    And diagonals see alike: which of them sees a slip of the count least is no matter of rounding. What the readings know to 0.01 um stood
+    And diagonals see alike: which of them sees a slip of the count least is no matter of rounding. What the readings know to 0.01 µm stood
     beside what is usual within 50: as a difference of such numbers it was another one on each processor.
     And a fine laser sees few targets: what the unknowns take over of a cause is left out of it before anything is multiplied.
     """

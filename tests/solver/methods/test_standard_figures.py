@@ -39,7 +39,7 @@ def test_linear_runs_are_targets_by_outward_runs():
 
 
 def test_report_states_the_figures_and_how_well_the_standard_is_known():
-    """E_up is the range of the means (0 to 5 um); R_up = 2 k s with s = sqrt(2) um at the last target (ISO 230-2: k = 2; 1988: k = 3)."""
+    """E_up is the range of the means (0 to 5 µm); R_up = 2 k s with s = sqrt(2) um at the last target (ISO 230-2: k = 2; 1988: k = 3)."""
     report = written(standards_report(lay_out(run_of([[0, 1, 2, 3, 4], [0, 2, 3, 4, 6]]), volume=BOX)))
     by_name = {figures["standard"]: figures for figures in report["linear-x"]}
     assert by_name["ISO 230-2:2014"]["E_up"] == pytest.approx(5.0)
@@ -66,7 +66,7 @@ def both_ways(backlash_um, *, stretches=(1, 1, 1, 1, 1), noise_um=0.0):
 
 
 def test_both_directions_on_one_count_give_the_bidirectional_figures():
-    """4 um over 400 mm and 3 um of backlash: E_up 4, B 3, E 7, M 4 (ISO 230-2); VDI 3441: Pa 4, U 3."""
+    """4 µm over 400 mm and 3 µm of backlash: E_up 4, B 3, E 7, M 4 (ISO 230-2); VDI 3441: Pa 4, U 3."""
     report = written(standards_report(both_ways(3.0)))["linear-x"]
     iso = report[0]
     found = {name: iso[name] for name in ("E_up", "E_down", "E", "B", "B_mean", "M", "R", "A")}

@@ -37,7 +37,7 @@ def test_waves_that_ten_increments_cannot_carry_are_named(waves, named):
 
 
 def test_the_result_names_waves_that_its_increments_cannot_carry():
-    """Five full waves of 20 um on ten increments of X, as every setup sees them at its stops."""
+    """Five full waves of 20 µm on ten increments of X, as every setup sees them at its stops."""
     readings = Bench(seed=4).survey()
     ordered = readings.select(np.concatenate(list(readings.passes().values())))
     layout = lay_out(ordered)
@@ -54,7 +54,7 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     readings = bench.survey(setups)
     found, with_angles = solve(readings, assumed=IDEAL), solve(readings, angles=bench.angles(1.0), assumed=IDEAL)
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
-    told = float(re.search(r"with a head's angles about (\S+) um", text)[1])
+    told = float(re.search(r"with a head's angles about (\S+) µm", text)[1])
     assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
     assert told < 0.98 * found.volumetric_u_um
 
@@ -68,7 +68,7 @@ def test_exact_readings_without_linear_runs_leave_the_usual_of_the_scales():
 def test_four_diagonals_alone_promise_what_comes_true():
     """Their scales are not identified, what bends is: of a positioning function without its slope only the slope is still to be expected.
 
-    It was counted whole once more: "5.3 to 8.6 um" were promised where 2.4 came true, and 12.8 to 14.9 found where 10.2 were.
+    It was counted whole once more: "5.3 to 8.6 µm" were promised where 2.4 came true, and 12.8 to 14.9 found where 10.2 were.
     """
     assert sum(held for seed in range(6000, 6004) for held in promises_held(Bench(seed=seed, increments=6), DIAGONALS)) >= 7
 
@@ -146,7 +146,7 @@ def test_of_six_values_a_wave_of_two_increments_leaves_no_trace():
 
 @pytest.mark.parametrize(("waves", "named"), [(1, False), (6, True)])
 def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_finer(waves, named):
-    """Six waves of 4 um on eight increments look like two: tables made 8.5 um 10, and 1.8 um were promised, with linear runs of three times
+    """Six waves of 4 µm on eight increments look like two: tables made 8.5 µm 10, and 1.8 µm were promised, with linear runs of three times
     as many targets that showed them in three of nine functions."""
     bench = Bench(seed=1, increments=8, errors_times=1e-3 if named else 1.0, waves=waves, wave_um=4.0)
     diagonals, fine = bench.survey(DIAGONALS), replace(bench, increments=24).survey(LINEAR)

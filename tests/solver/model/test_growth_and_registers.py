@@ -28,7 +28,7 @@ def test_growth_is_about_the_mean_of_the_survey_and_settles():
 
 
 def test_growth_lengthens_each_axis_along_its_travel_and_moves_it_by_its_bearing():
-    """Of k time constants: k columns an axis for its length, k for its bearing, 20 um/m usual."""
+    """Of k time constants: k columns an axis for its length, k for its bearing, 20 µm/m usual."""
     layout, growth = lay_out(READINGS), effects(READINGS)[GROWTH]
     assert growth.sought
     assert growth.count == 6 * len(TIME_CONSTANTS_H)

@@ -47,11 +47,11 @@ def surveyed(bench, names, *, head=True, **options):
 
 
 MACHINE = Bench(size_mm=(800.0, 600.0, 500.0), angle_urad=10.0)
-"""Its volumetric error is about 12.2 um rms, as that of the machine whose figures the head must reach."""
+"""Its volumetric error is about 12.2 µm rms, as that of the machine whose figures the head must reach."""
 
 
 def test_the_full_survey_is_as_good_as_it_must_be():
-    """10 urad of angular errors, mirror tilt 0.5 mrad: below 2.3 um without the head, 1.6 um with pitch and yaw, 1.0 um with the rolls."""
+    """10 urad of angular errors, mirror tilt 0.5 mrad: below 2.3 µm without the head, 1.6 µm with pitch and yaw, 1.0 µm with the rolls."""
     bench = replace(MACHINE, seed=1)
     before, alone = left_um(bench, surveyed(bench, (), head=False))
     _, head = left_um(bench, surveyed(bench, PITCH_YAW))
@@ -110,8 +110,8 @@ def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
 
 @pytest.mark.parametrize("angle_urad", [0.0, 10.0])
 def test_a_bow_of_the_heads_beam_is_not_taken_for_the_machines_yaw(angle_urad):
-    """8 um that bent air gives the head look like 80 urad of yaw, which nobody measured: the machine was said to turn by 21 urad, EYX was
-    6 um off with U of 0.7, C0Y 12 urad with 7. The readings alone say that it does not turn so far."""
+    """8 µm that bent air gives the head look like 80 urad of yaw, which nobody measured: the machine was said to turn by 21 urad, EYX was
+    6 µm off with U of 0.7, C0Y 12 urad with 7. The readings alone say that it does not turn so far."""
     bench = replace(MACHINE, seed=1, angle_urad=angle_urad, increments=6)
     share = np.linspace(0.0, 1.0, bench.increments + 1)
     right = straightness(bench, 1)

@@ -27,7 +27,7 @@ def test_what_is_written_is_read_back_and_weighs_the_same():
 
 
 def test_an_uncertain_straightness_hardly_counts():
-    """The bench's head lies by 20 um here, and says that it may."""
+    """The bench's head lies by 20 µm here, and says that it may."""
     bench = Bench(seed=3, increments=4)
     readings = bench.survey(passes=(1, 2))
     bent = "".join(f"{x:g},{20 * np.sin(np.pi * x / 500):g},30\n" for x in np.linspace(0, 500, 5))

@@ -1,5 +1,6 @@
 """Forecasts before the machine moves, and advice on what to add."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,29 @@ from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
-from stepdiag.base.names import BODY_DIAGONALS
-from stepdiag.base.readings.runs import Plan, Run, plan_minutes
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings, plan_minutes
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.information import told
+from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
+from stepdiag.solver.planning.search import EVERY_WAY, Exchange
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
+from testkit.rates import designs
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
+DIAGONALS = tuple(Run(setup=name, return_pass=False) for name in BODY_DIAGONALS)
+
+
+def bare_survey(survey):
+    return replace(survey, runs=DIAGONALS)
+
+
 BARE = bare_survey(Plan(volume=BOX, runs=()))
 LINEAR = tuple(Run(setup=f"linear-{axis}", return_pass=False) for axis in "xyz")
 QUIET = Assumptions(
@@ -45,7 +58,7 @@ def test_hidden_combinations_are_those_of_the_rank_table():
 
 
 def test_noise_of_the_readings_reaches_the_shapes_as_measured():
-    """theory.md 5.2: separable model, 1 m cube, n = 10, 0.2 um: shapes 0.37 to 0.39 um at their worst node."""
+    """theory.md 5.2: separable model, 1 m cube, n = 10, 0.2 µm: shapes 0.37 to 0.39 µm at their worst node."""
     cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=10)
     found = forecast(bare_survey(Plan(volume=cube, runs=())), SEPARABLE)
     assert [found.u[name] for name in ("EXX", "EYX", "EZZ")] == pytest.approx([0.32] * 3, abs=0.02)
@@ -65,59 +78,27 @@ def test_linear_runs_alone_are_forecast_though_no_angle_moves_them():
 
 
 def test_three_beams_resolve_all_eighteen_functions(bare):
-    """theory.md 5.2: three beam positions in two directions resolve all 18; the planner finds the two shifts by itself."""
+    """theory.md 5.2: three beam positions in two directions resolve all 18."""
     assert not bare.resolves_all
-    steps = resolving(bare, USUAL)
-    assert [("beam shifted" in step.text) for step in steps] == [True, True]
-    assert steps[-1].forecast.resolves_all
-    shifts = {run.beam_offset_mm for run in steps[-1].forecast.plan.runs}
-    assert len(shifts) == 3
-    assert len(steps[-1].forecast.plan.runs) == 12
-
-
-def test_a_step_that_later_ones_made_needless_is_dropped():
-    """On a cube with return passes the shift that shows most per minute comes first, and two others do without it."""
-    cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=4)
-    returning = Plan(volume=cube, runs=tuple(replace(run, return_pass=True) for run in bare_survey(Plan(volume=cube, runs=())).runs))
-    steps = resolving(forecast(returning, USUAL), USUAL)
-    assert len(steps) == 2
-    assert steps[-1].forecast.resolves_all
-
-
-def test_survey_that_resolves_all_needs_no_step():
-    advice = plan(BARE, USUAL)
-    assert advice.best is None
-    assert resolving(advice.resolving[-1].forecast, USUAL) == ()
-
-
-def test_additions_come_with_their_price_and_the_best_first(bare):
-    added = rank(bare, USUAL)
-    rates = [addition.gain_um_per_minute for addition in added]
-    assert rates == sorted(rates, reverse=True)
-    for addition in added:
-        assert addition.minutes == pytest.approx(addition.forecast.minutes - bare.minutes)
-        assert addition.gain_um == pytest.approx(bare.volumetric_um - addition.forecast.volumetric_um)
-    # nothing is worth more on bare diagonals than the scales that they do not see
-    runs = [addition for addition in added if "increments" not in addition.text]
-    assert runs[0].text.startswith("a linear run along")
-    assert runs[0].newly_identified == (runs[0].text[-1],)
+    shifted = [replace(run, beam_offset_mm=shift) for shift in ((50.0, 0.0, 0.0), (0.0, 50.0, 0.0)) for run in DIAGONALS]
+    assert forecast(BARE.with_runs(*shifted), USUAL).resolves_all
+    assert not forecast(BARE.with_runs(*shifted[:4]), USUAL).resolves_all
 
 
 def test_no_head_is_advised_where_there_is_none():
-    about = Circumstances(head=False)
-    now = forecast(BARE, about)
-    assert not [addition.text for addition in (*rank(now, about), *resolving(now, about)) if "4-DOF" in addition.text]
-    best = best_survey(BARE, about, available_min=400.0)
-    assert best is not None
-    assert not any(run.is_fourdof for run in best.plan.runs)
+    """What a head would bring is said all the same, beside what it costs."""
+    poor = replace(IDEAL, angles_urad=50.0)
+    advice = plan(BARE.with_runs(*LINEAR), Circumstances(head=False, assumed=poor), available_min=160.0)
+    assert not any(run.is_fourdof for one in (*advice.front, advice.best) for run in one.plan.runs)
+    assert {run.setup for run in advice.with_head.plan.runs} >= {"fourdof-x", "fourdof-y", "fourdof-z"}
+    assert advice.with_head.left_um.value_um < WORTH * advice.best.left_um.value_um
 
 
-def test_more_of_everything_is_never_worse(bare):
+def test_more_of_everything_is_never_worse():
     """Repeats and return passes add readings to the same model."""
-    offers = {addition.text: addition for addition in rank(bare, SEPARABLE)}
     now = forecast(BARE, SEPARABLE)
-    for text in ("one more repeat of every run", "return passes"):
-        then = offers[text].forecast
+    for more in ({"repeats": 2}, {"return_pass": True}):
+        then = forecast(replace(BARE, runs=tuple(replace(run, **more) for run in DIAGONALS)), SEPARABLE)
         assert all(then.u[name] <= u * (1 + 1e-9) for name, u in now.u.items() if u is not None and then.u[name] is not None)
 
 
@@ -133,22 +114,93 @@ def test_head_lowers_what_angles_spoil(bare):
     assert levelled.u["C0Y"] < 0.9 * bare.u["C0Y"]
 
 
-def test_best_survey_fits_the_time_and_uses_it():
-    start = bare_survey(Plan(volume=replace(BOX, increments=6), runs=()))
-    found = [best_survey(start, USUAL, available_min=minutes) for minutes in (130, 160)]
-    assert [one.minutes <= minutes for one, minutes in zip(found, (130, 160), strict=True)] == [True] * 2
-    uncertainty = [one.volumetric_um for one in found]
-    assert uncertainty == sorted(uncertainty, reverse=True)
-    assert uncertainty[-1] < 0.9 * uncertainty[0]
+@pytest.fixture(scope="module")
+def advice():
+    return plan(BARE.with_runs(*LINEAR), IDEALLY, available_min=200.0)
 
 
-def test_best_survey_stops_at_a_target_that_real_surveys_reach():
+def test_the_list_is_short_and_each_line_is_worth_its_time(advice):
+    left, minutes = ([getattr(one, name) for one in advice.front] for name in ("left_um", "minutes"))
+    assert 1 <= len(left) <= MOST_NAMED
+    assert minutes == sorted(minutes)
+    assert all(then.value_um < WORTH * now.value_um for now, then in itertools.pairwise(left))
+    assert all(plan_minutes(one.plan) == pytest.approx(one.minutes) for one in advice.front)
+
+
+def test_the_best_survey_fits_the_time_and_is_better_than_the_one_planned(advice):
+    assert advice.best.minutes <= 200.0
+    assert advice.best.left_um.value_um < WORTH * advice.forecast.left_um.value_um
+
+
+def test_three_diagonals_and_three_runs_are_the_best_of_157_minutes():
+    """Four diagonals and one run, which a search from four bare diagonals ends with, leave twice as much."""
+    best = plan(BARE, replace(IDEALLY, head=False), available_min=157.0).best
+    assert sorted(run.travel.kind for run in best.plan.runs) == ["linear"] * 3 + ["step"] * 3
+    four = forecast(replace(BARE, volume=replace(BOX, increments=10)).with_runs(LINEAR[0]), IDEALLY)
+    assert best.left_um.value_um < 0.55 * four.left_um.value_um
+
+
+def test_the_shortest_survey_down_to_a_target_that_real_surveys_reach():
     """Four diagonals and three linear runs leave 1.1 to 1.3 um of exact machines with 0 to 10 urad (docs/performance.md)."""
-    usual = Plan(volume=replace(BOX, increments=10), runs=())
-    found = best_survey(bare_survey(usual), IDEALLY, target_um=1.5)
-    assert found is not None
+    found = plan(BARE, IDEALLY, target_um=1.5).best
     assert found.left_um.value_um <= 1.5
-    assert found.minutes < 220
+    assert found.minutes < 200
+
+
+@pytest.fixture(scope="module")
+def eleven():
+    """Four diagonals, three runs and the diagonals shifted, with what each of the 2048 choices leaves and takes."""
+    start = replace(BARE, volume=replace(BOX, increments=10))
+    shifted = tuple(replace(run, beam_offset_mm=(0.0, 0.0, 150.0)) for run in DIAGONALS)
+    lines = Exchange(start, replace(IDEALLY, head=False), (*DIAGONALS, *shifted, *LINEAR), EVERY_WAY[0])
+    choices = [choice for count in range(12) for choice in itertools.combinations(range(11), count)]
+    return lines, [(lines.minutes(choice, 10), lines.square_um2(choice)) for choice in choices]
+
+
+@pytest.mark.parametrize("limit", [130.0, 157.0, 180.0, 203.0, 243.0, 300.0])
+def test_exchange_finds_the_best_of_all_choices(eleven, limit):
+    """Within 3 % of what an evaluation of every choice finds."""
+    lines, every = eleven
+    found = lines.improved(lines.start(10, limit), 10, limit)
+    assert lines.minutes(found, 10) <= limit
+    least = min(square for minutes, square in every if minutes <= limit)
+    beside = lines.beside_um2(10)
+    assert np.sqrt((lines.square_um2(found) + beside) / (least + beside)) < 1.03
+
+
+@few(4)
+@given(st.lists(st.sampled_from((*BODY_DIAGONALS, *LINEAR_RUNS)), min_size=1, max_size=6, unique=True), st.booleans())
+def test_what_the_setups_tell_adds_up(names, back):
+    """The information of a survey is the sum of those of its setups, each laid out by itself: all else of them is their own."""
+    runs = tuple(Run(setup=name, return_pass=back) for name in names)
+    layout = laid_out(*runs)
+    alone = {run.setup: told(laid_out(run), "FXYZ", USUAL.assumed).each[0] for run in runs}
+    for setup, matrix in zip(layout.setups, told(layout, "FXYZ", USUAL.assumed).each, strict=True):
+        assert np.max(np.abs(matrix - alone[setup.name])) < 1e-9 * np.max(np.abs(matrix))
+
+
+def laid_out(*runs):
+    survey = Plan(volume=BOX, runs=runs)
+    return lay_out(perfect_readings(survey, 0.3), "plan", BOX)
+
+
+def test_tables_of_one_axis_have_a_floor_that_no_survey_goes_below():
+    """What angles do away from the middle no table holds; a lattice holds it."""
+    about = replace(IDEALLY, aim="tables")
+    shifted = [replace(run, beam_offset_mm=shift) for shift in ((150.0, 0.0, 0.0), (0.0, 150.0, 0.0)) for run in DIAGONALS]
+    survey = BARE.with_runs(*LINEAR, *shifted)
+    lattice, tables = (forecast(survey, one).ahead for one in (IDEALLY, about))
+    assert lattice.of.floor_um == 0.0
+    assert 0.3 < tables.of.floor_um < 0.6
+    assert tables.left_um.value_um > lattice.left_um.value_um
+    # what tables cannot hold is no part of what the survey leaves of them
+    assert tables.full[0] < lattice.full[0]
+
+
+def test_a_zone_counts_alone():
+    half = ((0.0, 250.0), (0.0, 200.0), (0.0, 150.0))
+    all_of_it, zone = (forecast(BARE.with_runs(*LINEAR), replace(USUAL, zone=one)).ahead.full[0] for one in (None, half))
+    assert zone < all_of_it
 
 
 def test_the_forecast_is_what_the_result_will_predict():
@@ -162,9 +214,17 @@ def test_the_forecast_is_what_the_result_will_predict():
     assert ahead.volumetric_um == pytest.approx(result.volumetric_u_um, rel=0.25)
 
 
+def test_a_forecast_is_what_exact_machines_leave():
+    """Twelve lines of 240 minutes on a machine of 30 urad, which the planner chose: twenty machines leave 0.98 um, within 10 % of what is
+    forecast (`benchmarks.designs`)."""
+    found = designs.driven(designs.within(30.0, 240.0), 30.0, 2, seed=900)
+    assert found.rms_um == pytest.approx(found.forecast_um, rel=0.25)
+    assert found.rms_um < 1.3
+
+
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
 def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
-    """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 um were planned: sixty leave 5.7."""
+    """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 µm were planned: sixty leave 5.7."""
     ahead = forecast(bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR), IDEALLY)
     low, high = left_um
     assert ahead.left_um.low_um < low < ahead.left_um.value_um < high < ahead.left_um.high_um
@@ -185,27 +245,19 @@ def test_no_run_ever_makes_a_forecast_worse(setups, more, back):
 
 
 def test_impossible_wish_gives_no_survey():
-    assert best_survey(BARE, USUAL, available_min=60) is None
-    assert best_survey(BARE, USUAL, available_min=130, target_um=0.1) is None
+    advice = plan(BARE, USUAL, available_min=15.0)
+    assert (advice.best, advice.front) == (None, ())
+    assert plan(BARE, USUAL, available_min=130, target_um=0.1).best is None
 
 
 def test_fine_survey_is_forecast_on_few_increments_and_timed_on_all():
     """The noise of a node does not depend on how many others there are; the minutes do."""
-    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (10, 80))
+    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (20, 80))
     first, second = forecast(coarse, USUAL), forecast(fine, USUAL)
     assert second.volumetric_um == pytest.approx(first.volumetric_um, rel=0.02)
     assert second.left_um.value_um < first.left_um.value_um
     assert second.minutes == plan_minutes(fine)
     assert second.plan == fine
-
-
-def test_advice_holds_all_of_it():
-    survey = Plan(volume=BOX, runs=tuple(Run(setup=name) for name in BODY_DIAGONALS))
-    advice = plan(survey, USUAL, available_min=130)
-    assert advice.forecast.minutes == pytest.approx(plan_minutes(survey))
-    assert "return passes" not in [addition.text for addition in advice.additions]
-    assert advice.best.minutes <= 130
-    assert np.isfinite(advice.forecast.volumetric_um)
 
 
 def test_plan_without_laser_is_refused():

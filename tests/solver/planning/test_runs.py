@@ -5,9 +5,9 @@ import pytest
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS
-from stepdiag.base.readings.runs import Pace, Plan, Run, perfect_readings, plan_minutes, run_minutes, run_stops_mm
+from stepdiag.base.readings.runs import Pace, Plan, Run, order_of, perfect_readings, plan_minutes, run_minutes, run_stops_mm
 from stepdiag.base.setups import SETUP_NAMES
-from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import BESIDE_EVEN, CLOSEST_MM, Volume, diagonal_stops_mm, irregular_mm, linear_stops_mm
 from stepdiag.solver.model.layout import lay_out
 
 BOX = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
@@ -23,6 +23,43 @@ def plan(*runs, **changes):
 def test_step_diagonals_are_those_of_the_geometry(setup, order):
     stops = run_stops_mm(plan(axis_order=order), Run(setup=setup))
     assert stops.tolist() == diagonal_stops_mm(BOX, setup, order).tolist()
+
+
+def test_a_shift_of_what_does_not_stand_is_a_setup():
+    shifted = Run(setup="ppp+1", beam_offset_mm=(50.0, 0.0, 0.0))
+    assert run_minutes(plan(shifted), shifted) == run_minutes(plan(Run(setup="ppp")), Run(setup="ppp"))
+
+
+def test_repeats_move_their_axes_in_orders_of_their_own():
+    run = Run(setup="ppp", repeats=3, axis_orders=("xyz", "zxy"))
+    survey = plan(run)
+    orders = [order_of(survey, run, number) for number in run.pass_numbers]
+    assert orders == ["xyz", "xyz", "zxy", "zxy", "xyz", "xyz"]
+    for number, order in zip(run.pass_numbers, orders, strict=True):
+        outward = diagonal_stops_mm(BOX, "ppp", order)
+        assert run_stops_mm(survey, run, number).tolist() == (outward if number % 2 else outward[::-1]).tolist()
+
+
+def test_a_line_beside_the_usual_one_is_where_its_axes_stand():
+    run = Run(setup="linear-y+1", beam_offset_mm=(500.0, 0.0, 300.0))
+    stops = run_stops_mm(plan(run), run)
+    assert np.ptp(stops, axis=0).tolist() == [0.0, 400.0, 0.0]
+    assert stops[0].tolist() == [510.0, -20.0, 300.0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("count", [1, 11, 40, 200])
+def test_irregular_targets_are_in_step_with_nothing(axis, count):
+    """The nodes are among them; between them the distances differ, and a wave of any pitch is met in all of its places."""
+    targets = irregular_mm(BOX, axis, count)
+    assert set(BOX.nodes_mm(axis)) <= set(targets)
+    assert np.all(np.diff(targets) >= CLOSEST_MM * (1.0 - 2.0 * BESIDE_EVEN))
+    assert np.allclose(np.round(targets, 2), targets)
+    if count >= 40:
+        assert len(targets) == pytest.approx(count, abs=10)
+        for pitch in (5.0, 10.0, 20.0):
+            place = np.sort(np.mod(targets, pitch) / pitch)
+            assert np.max(np.diff(place, append=place[0] + 1.0)) < 0.5
 
 
 @pytest.mark.parametrize("axis", "xyz")
@@ -66,7 +103,7 @@ def test_four_diagonals_take_what_is_published():
 def test_shift_of_the_beam_is_cheaper_than_a_setup():
     pace = Pace()
     plain, shifted = Run(setup="ppp"), Run(setup="ppp+1", beam_offset_mm=(50.0, 0.0, 0.0))
-    saved = run_minutes(plan(plain), plain) - run_minutes(plan(shifted), shifted)
+    saved = run_minutes(plan(plain), plain) - run_minutes(plan(plain, shifted), shifted)
     assert saved == pytest.approx(pace.diagonal_setup_min - pace.beam_shift_min)
 
 

@@ -7,12 +7,12 @@ from stepdiag.solver.standards.iso230 import PositioningRuns, positioning_figure
 from stepdiag.solver.standards.iso230_uncertainty import RunSources, expanded_um
 
 SOURCES = RunSources(relative=2e-6, reading_um=0.3, environment_um=0.4)
-"""One reading is known to hypot(0.3, 0.4) = 0.5 um; a metre to 2 um."""
+"""One reading is known to hypot(0.3, 0.4) = 0.5 µm; a metre to 2 um."""
 FIGURES = ("E", "E_up", "E_down", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A")
 
 
 def test_every_figure_by_hand():
-    """Four runs: the mean of a position is known to 0.25 um, a scatter of four to one part in sqrt(6); B is the largest of five."""
+    """Four runs: the mean of a position is known to 0.25 µm, a scatter of four to one part in sqrt(6); B is the largest of five."""
     told = expanded_um({**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2}, 1000.0, (4, 4), 5, SOURCES)
     of_range = (2.0**2 + 2 * 0.25**2) ** 0.5
     reversal = 2**0.5 * 0.25
@@ -52,7 +52,7 @@ def test_one_run_more_in_one_direction():
 
 @pytest.mark.parametrize(("targets", "runs"), [(5, 5), (11, 2), (41, 5)])
 def test_u_holds_the_truth_of_every_figure(targets, runs):
-    """3 um of backlash, 4 um of slope, noise of 0.5 um a reading: of 400 tests U holds the truth in 95 %, as far as 400 can tell (2 %)."""
+    """3 µm of backlash, 4 µm of slope, noise of 0.5 µm a reading: of 400 tests U holds the truth in 95 %, as far as 400 can tell (2 %)."""
     rng = np.random.default_rng(targets)
     at, noise = np.linspace(0.0, 4.0, targets), 0.5
     sources = RunSources(relative=0.0, reading_um=noise, environment_um=0.0)

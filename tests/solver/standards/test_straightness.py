@@ -24,7 +24,7 @@ def test_vector_of_the_reference(method, expected_um):
 
 
 def test_triangle_by_hand():
-    """Heights 0, 3, 0 um at 0, 100, 200 mm: all three lines are horizontal; the zone is 3 um wide."""
+    """Heights 0, 3, 0 µm at 0, 100, 200 mm: all three lines are horizontal; the zone is 3 µm wide."""
     position, deviation = [0.0, 100.0, 200.0], [0.0, 3.0, 0.0]
     assert [reference_line(position, deviation, method).offset_um for method in METHODS] == pytest.approx([0.0, 1.0, 1.5])
     assert [straightness_um(position, deviation, method) for method in METHODS] == pytest.approx([3.0, 3.0, 3.0])

@@ -14,7 +14,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.effects import ANGLES, LONG_WAVES, SHORT_ANGLES, AngleShapes
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.foresight import foresee
+from stepdiag.solver.planning.foresight import Foresight
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.examples import few
 
@@ -72,7 +72,9 @@ def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
     usual = Assumptions()
     wider = replace(usual, **{name: factor * getattr(usual, name) for name, factor in larger.items()})
     few, many = (lay_out(Bench(increments=3).survey((*DIAGONALS, *LINEAR[:count]))) for count in (runs, 3))
-    base, source, run = (foresee(layout, "FXYZ", one, 3) for layout, one in ((few, usual), (few, wider), (many, usual)))
+    base, source, run = (
+        Foresight(layout=layout, chain="FXYZ", assumed=one, increments=3) for layout, one in ((few, usual), (few, wider), (many, usual))
+    )
     for name, u in base.u.items():
         # what is worse known than is usual is not identified, and stands in no table
         assert source.u.get(name, np.inf) >= u * (1 - 1e-9), name

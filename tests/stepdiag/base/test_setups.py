@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import SETUP_NUMBERS
-from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_of
+from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_code, setup_of, setups_meant
 
 
 def test_the_numbers_of_the_register_are_those_of_the_contract():
@@ -58,3 +58,25 @@ def test_a_setup_is_read_back_from_its_name(base, shift):
     assert setup.axis == (base[-1] if setup.kind in ("linear", "fourdof") else "")
     assert (setup.is_diagonal, setup.is_fourdof) == (setup.kind == "step", base.startswith("fourdof"))
     assert sum(map(bool, setup.signs)) == (1 if setup.axis else 2 if setup.kind == "face" else 3)
+
+
+PLANNED = ("face-xy-pp", "ppp", "ppp+1", "linear-x", "linear-x+1", "fourdof-y", "face-xy-pp+1")
+
+
+def test_a_setup_without_a_number_of_its_own_has_that_of_its_place():
+    """Contract 2: 100 + k is the k-th setup of the plan; a shifted beam drives what its diagonal does."""
+    assert [setup_code(name, PLANNED) for name in PLANNED] == [101, 1, 1, 11, 105, 22, 107]
+
+
+@given(st.lists(st.sampled_from(DRIVEN_SETUPS), min_size=1, max_size=6), st.randoms(use_true_random=False))
+def test_a_number_means_the_setup_that_shows_it(bases, random):
+    planned = [setup_of(base).shifted(bases[:place].count(base)) for place, base in enumerate(bases)]
+    random.shuffle(planned)
+    for name in planned:
+        meant = setups_meant(setup_code(name, planned), planned)
+        assert name in meant
+        # where it means several, they are beams on one diagonal
+        assert len(meant) == 1 or {setup_of(one).base for one in meant} == {setup_of(name).base}
+        assert len(meant) == 1 or setup_of(name).is_diagonal
+    assert all(setups_meant(101 + place, planned) == [name] for place, name in enumerate(planned)), "any setup may be coded so"
+    assert setups_meant(101 + len(planned), planned) == setups_meant(None, planned) == []

@@ -6,12 +6,13 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from lxml import etree
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.result.result import Result, parse_result
+from stepdiag.base.result.result import DISPLACEMENTS, Result, parse_result
 from stepdiag.certificate.document import certificate_of
 from stepdiag.certificate.elements import document
 from stepdiag.certificate.figures import figures_of, written
@@ -151,6 +152,9 @@ def test_every_value_reads_back_in_si(result, tmp_path):
                 assert at["unit"] == "\\metre"
                 assert at["value"] == pytest.approx([each * 1e-3 for each in function.position_mm], rel=1e-9, abs=1e-15)
                 count += agrees(prefix + name, function.value, function.u, function.unit)
+    for name in [name for name in found if name.startswith("squareness ")]:
+        together = [result().squareness[each] for each in name.split()[1:]]
+        count += agrees(name, [one.value for one in together], [one.u for one in together], "urad")
     for name, number in result().squareness.items():
         count += 0 if number.value is None else agrees(name, [number.value], [number.u], "urad")
     for axis, scale in result().scale.items():
@@ -167,6 +171,31 @@ def test_every_value_reads_back_in_si(result, tmp_path):
                 count += agrees(name + end, [value], None, "um")
     assert found == {}, "every figure of the certificate stands in the result"
     assert count >= 3
+
+
+def test_covariance_is_that_of_machines_drawn_from_the_posterior(tmp_path):
+    """Read by paths of the schema: its diagonal is U / 2 squared, its correlations are those of 2,000 drawn machines."""
+    found, result, read = tree(judged(), tmp_path), judged(), {}
+    for one in found.iterfind(".//dcc:measurementResult[@refType='machineTool_as_found']/dcc:results/dcc:result", NAMES):
+        columns = one.findall(".//si:columnXMLList/si:covarianceXMLList", NAMES)
+        if columns:
+            matrix = np.array(
+                [[float(each) for each in column.findtext("si:valueXMLList", namespaces=NAMES).split()] for column in columns]
+            )
+            (unit,) = {column.findtext("si:unitXMLList", namespaces=NAMES) for column in columns}
+            read[one.findtext("dcc:name/dcc:content", namespaces=NAMES)] = (matrix, unit)
+    assert set(read) == {"squareness C0Y B0Z A0Z", *DISPLACEMENTS}
+    drawn = {name: result.posterior.drawn(2000) @ deviations for name, deviations in result.posterior.deviations().items()}
+    for name, (matrix, unit) in read.items():
+        names = name.split()[1:] or [name]
+        u = np.concatenate([np.atleast_1d(result.squareness[each].u if len(names) > 1 else result.errors[each].u) for each in names])
+        assert unit == ("\\radian" if len(names) > 1 else "\\metre") + "\\tothe{2}"
+        assert np.diag(matrix) == pytest.approx((u * 1e-6) ** 2, abs=1e-17)
+        assert np.array_equal(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() > -1e-15
+        moving = u > 1e-6
+        own = (matrix / np.outer(u, u).clip(1e-12) * 1e12)[np.ix_(moving, moving)]
+        assert np.abs(own - np.corrcoef(np.hstack([drawn[each] for each in names])[:, moving].T)).max() < 0.15
 
 
 @pytest.mark.parametrize("result", [judged, diagonals_alone, one_axis])

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,15 @@ from lxml import etree
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import parse_result
 from stepdiag.certificate import custody
 from stepdiag.certificate.custody import custody_of, parsed, verify_certificate
+from stepdiag.page.downloads import downloads_of
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
 from testkit.fleets import finished_survey
+from testkit.forgeries import signing_key
 
 LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
 TOLERANCE = "[tolerance]\nvolumetric_rms_um = 20.0\nsquareness_urad = 30.0\n[tolerance.functions_um]\nEYX = 20.0\n"
@@ -143,6 +148,8 @@ FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda f: altered(f / "c.xml", ">pass</dcc:conformity>", "></dcc:conformity>pass"),
         "custody-differs",
     ),
+    "a name of the result": (lambda f: altered(f / "c.xml", "<dcc:content>result.json<", "<dcc:content>pesult.json<"), "custody-renamed"),
+    "a name of a file": (lambda f: altered(f / "c.xml", "<dcc:content>table.ini<", "<dcc:content>other.ini<"), "custody-missing"),
     "a remark for people": (lambda f: altered(f / "c.xml", "<dcc:items>", "<dcc:items><!-- -->"), "custody-bytes"),
 }
 
@@ -168,6 +175,33 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         return known[key]
 
     monkeypatch.setattr(custody, "_again", once)
+
+
+def test_export_report_of_another_result_is_refused(folder: Path, tmp_path: Path) -> None:
+    """A certificate names no report of an export, and no report, that was made from another result; one that was forged so is found."""
+    exports = tmp_path / "exports"
+    told = stepdiag("export", folder / "result.json", "--controller", "linuxcnc", "--step-mm", "50", "--out", exports)
+    assert told.code == 0, told.refusal
+    again = ("certificate", folder / "result.json", exports, "--laboratory", folder / "laboratory.toml", "--out", folder / "e.xml")
+    assert stepdiag(*again).code == 0
+    shutil.copytree(exports, folder / "exports")
+    assert verify_certificate(folder / "e.xml", folder).broken is None
+    report = folder / "exports" / "EXPORT_REPORT.txt"
+    before = report.read_bytes()
+    altered(report, hashlib.sha256((folder / "result.json").read_bytes()).hexdigest(), "0" * 64)
+    (exports / "EXPORT_REPORT.txt").write_bytes(report.read_bytes())
+    (folder / "e.xml").rename(folder / "c.xml")
+    assert stepdiag(*again).code == 3
+    rehashed(folder, before, "exports/EXPORT_REPORT.txt")
+    assert verdict(folder) == "custody-other-result"
+
+
+def test_result_named_twice_is_refused(folder: Path) -> None:
+    root = etree.fromstring((folder / "c.xml").read_bytes())
+    (note,) = root.findall(".//{https://ptb.de/dcc}quantity[@refType='stepdiag_result']")
+    note.addnext(etree.fromstring(etree.tostring(note)))
+    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    assert verdict(folder) == "custody-unnamed"
 
 
 @pytest.mark.usefixtures("quick")
@@ -247,8 +281,23 @@ def test_survey_after_loading_is_in_the_chain(folder: Path) -> None:
     assert verdict(folder) == "custody-changed"
 
 
+@pytest.mark.parametrize(
+    ("changed", "code"), [({}, 0), ({"machine": "Mill 8"}, 3), ({"ended": "2020-01-01 10:00 UTC"}, 3)], ids=["alike", "machine", "day"]
+)
+def test_survey_after_loading_is_of_this_machine_and_later(folder: Path, changed: dict[str, str], code: int) -> None:
+    found = parse_result((folder / "result.json").read_text(encoding="utf-8"))
+    for name, facts in (("result.json", {"ended": "2026-05-31 10:00 UTC"}), ("after.json", {"ended": "2026-06-01 10:00 UTC", **changed})):
+        of_machine = replace(found, survey=Facts(**{"machine": "Mill 7", **facts}))
+        (folder / name).write_text(of_machine.to_json(), encoding="utf-8")
+    told = stepdiag(
+        "certificate", folder / "result.json", "--as-left", folder / "after.json", "--laboratory", folder / "laboratory.toml",
+        "--out", folder / "d.xml",
+    )  # fmt: skip
+    assert (told.code, (folder / "d.xml").exists()) == (code, code == 0), told.refusal
+
+
 def test_signature_is_checked_and_figures_behind_it_too(folder: Path) -> None:
-    key, certificate = _key(folder)
+    key, certificate = signing_key(folder)
     (folder / "c.xml").unlink()
     told = stepdiag(
         "certificate", folder / "result.json", "--laboratory", folder / "laboratory.toml", "--key", key, "--key-certificate", certificate,
@@ -263,22 +312,27 @@ def test_signature_is_checked_and_figures_behind_it_too(folder: Path) -> None:
     assert stepdiag("verify", folder / "c.xml").code == 5
 
 
-def _key(folder: Path) -> tuple[Path, Path]:
-    """Make a key and its certificate by hand, as a laboratory's office does with its own."""
-    from datetime import UTC, datetime, timedelta
-
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    key = ec.generate_private_key(ec.SECP256R1())
-    name, now = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]), datetime.now(UTC)
-    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key()).serial_number(1)
-    made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(now + timedelta(days=1))
-    pem = serialization.Encoding.PEM
-    (folder / "key.pem").write_bytes(key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()))
-    (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
-    return folder / "key.pem", folder / "cert.pem"
+def test_signature_hides_nothing(folder: Path) -> None:
+    """A remark, an element in a second signature, a signature below another element, the signature of another key."""
+    key, certificate = signing_key(folder)
+    (folder / "c.xml").unlink()
+    command = ("certificate", folder / "result.json", "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml")
+    assert stepdiag(*command, "--key", key, "--key-certificate", certificate).code == 0
+    told = stepdiag("verify", folder / "c.xml")
+    assert (told.code, "its signature is not checked" in told.out) == (0, True)
+    whole = (folder / "c.xml").read_bytes()
+    altered(folder / "c.xml", "<dcc:items>", "<dcc:items><!-- passed -->")
+    assert verdict(folder) == "custody-bytes"
+    root = etree.fromstring(whole)
+    root.find(".//{https://ptb.de/dcc}items").append(root[-1])
+    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    assert verdict(folder) == "custody-differs"
+    (folder / "forger").mkdir()
+    other, of_other = signing_key(folder / "forger")
+    (folder / "c.xml").unlink()
+    assert stepdiag(*command, "--key", other, "--key-certificate", of_other).code == 0
+    assert stepdiag("verify", folder / "c.xml", "--key-certificate", certificate).code == 3
+    assert stepdiag("verify", folder / "c.xml", "--key-certificate", of_other).code == 0
 
 
 def test_logs_are_solved_again(tmp_path: Path) -> None:
@@ -289,5 +343,41 @@ def test_logs_are_solved_again(tmp_path: Path) -> None:
     found = verify_certificate(tmp_path / "c.xml", tmp_path)
     assert (found.broken, found.links) == (None, 2)
     log = next(folder.glob("*.mcap"))
-    log.write_bytes(log.read_bytes()[:-200])
+    whole = log.read_bytes()
+    log.rename(folder / "renamed.mcap")
+    assert verdict(tmp_path) == "", "a log is known by what it says"
+    (folder / "renamed.mcap").rename(log)
+    data_end = whole.rindex(b"\x0f\x04\0\0\0\0\0\0\0")
+    for data in (whole[:-200], _flip(whole, len(whole) - 40), _flip(whole, data_end, 16), _flip(whole, data_end + 1, 4)):
+        log.write_bytes(data)
+        assert verdict(tmp_path) == "custody-changed"
+
+
+def test_certificate_of_a_finished_survey_is_written_beside_it(tmp_path: Path) -> None:
+    """What a person at the page asks for: report, exports and the laboratory's file are in it; a second one stands beside the first."""
+    folder = finished_survey(tmp_path)
+    (tmp_path / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
+    sha = hashlib.sha256((folder / "result.json").read_bytes()).hexdigest()
+    (folder / "report.html").write_text(f"SHA-256 {sha}", encoding="utf-8")
+    for name in ("certificate.xml", "certificate-2.xml"):
+        told = stepdiag("complete", "--certificate", folder)
+        assert told.code == 0, told.refusal
+        found = verify_certificate(folder / name, tmp_path)
+        assert (found.broken, found.links) == (None, 4)
+    assert [one.kind for one in downloads_of(folder) if one.name.startswith("certificate")] == ["certificate"] * 2
+    (folder / "report.html").write_text("another", encoding="utf-8")
+    assert stepdiag("complete", "--certificate", folder).code == 3
+
+
+def _flip(data: bytes, at: int, bits: int = 1) -> bytes:
+    return data[:at] + bytes([data[at] ^ bits]) + data[at + 1 :]
+
+
+def test_words_of_persons_are_links(tmp_path: Path) -> None:
+    """A time that a person stated beside the logs, with name and reason: in the chain, to the bit."""
+    folder = finished_survey(tmp_path)
+    (folder / "dated.jsonl").write_text("", encoding="utf-8")
+    assert stepdiag("certificate", folder, "--out", tmp_path / "c.xml").code == 0
+    assert verdict(tmp_path) == ""
+    (folder / "dated.jsonl").write_text("\n", encoding="utf-8")
     assert verdict(tmp_path) == "custody-changed"

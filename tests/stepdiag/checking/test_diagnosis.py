@@ -13,8 +13,9 @@ S = 1_000_000_000
 
 
 def told(seen, severity=None):
-    """Return code -> text."""
-    return {each.code: each.text for each in diagnose(seen) if severity in (None, each.severity)}
+    """Return code and key -> text."""
+    found = [each for each in diagnose(seen) if severity in (None, each.severity)]
+    return {each.code: each.text for each in found} | {each.key: each.text for each in found}
 
 
 def registers(heartbeat=0, *, setup=0, x=0, material=2000, pressure=10132):
@@ -49,7 +50,7 @@ def seen():
 def test_all_is_well(seen):
     laser_is_well(seen)
     machine_is_well(seen)
-    assert told(seen).keys() == {"sign-untold"}
+    assert told(seen).keys() == {"wrong-laser-sign", "wrong-laser-sign.unseen"}
 
 
 @pytest.mark.parametrize("answer", ['compensation = "?"', ""])
@@ -78,7 +79,7 @@ class TestLaser:
             seen.take(Chunk("laser", 6 * S + at, b"12.5 \x00\xff\n"))
         assert "bad cable" in told(seen, "warning")["bytes-garbled"]
 
-    @pytest.mark.parametrize(("beam", "code"), [(0.05, "beam-lost"), (0.3, "beam-weak")])
+    @pytest.mark.parametrize(("beam", "code"), [(0.05, "beam-lost"), (0.3, "instrument-reports.weak-beam")])
     def test_the_beam_is_judged_by_its_strength(self, seen, beam, code):
         laser_is_well(seen, beam=beam)
         assert f"({100 * beam:.0f} %)" in told(seen, "warning")[code]
@@ -86,7 +87,7 @@ class TestLaser:
     def test_a_slow_instrument_is_measured_against_its_rate(self, seen):
         laser_is_well(seen_fast := seen_of(LINE_SURVEY + "rate_hz = 200.0\n"))
         seen_fast.seconds = 5.0
-        assert "should give 200.0 samples a second and gives 100.0" in told(seen_fast, "warning")["laser-rate"]
+        assert "should give 200.0 samples a second and gives 100.0" in told(seen_fast, "warning")["samples-missing.rate"]
 
     def test_a_link_that_came_back_is_unsteady_and_one_that_did_not_is_an_error(self, seen):
         laser_is_well(seen)
@@ -105,7 +106,7 @@ class TestMachine:
     def test_a_heartbeat_that_is_too_slow(self, seen):
         for poll in range(400):
             answer(seen, 1 + poll / 50, registers(poll // 200))
-        assert "changed 1 times in 8 s" in told(seen, "warning")["heartbeat-slow"]
+        assert "changed 1 times in 8 s" in told(seen, "warning")["heartbeat-still.slow"]
 
     @pytest.mark.parametrize(
         ("values", "signal"),
@@ -118,30 +119,30 @@ class TestMachine:
     )
     def test_values_that_no_machine_can_have_point_at_the_register_map(self, seen, values, signal):
         machine_is_well(seen, **values)
-        text = told(seen, "warning").get("signal-implausible", "")
+        text = told(seen, "warning").get("signals-absent.implausible", "")
         assert (signal or "x_mm") in text
         assert "check address, type, order and scale" in text
 
     def test_a_setup_number_that_does_not_exist(self, seen):
         machine_is_well(seen, setup=77)
-        assert "setup reads 77" in told(seen, "warning")["signal-implausible"]
+        assert "setup reads 77" in told(seen, "warning")["signals-absent.setup-number"]
 
     def test_an_answer_of_another_length(self, seen):
         answer(seen, 1, b"\x00\x01")
-        assert "expected 28 bytes, found 2" in told(seen, "error")["machine-answer"]
+        assert "expected 28 bytes, found 2" in told(seen, "error")["bytes-garbled"]
 
     def test_polls_that_come_too_slowly(self, seen):
         for poll in range(50):
             answer(seen, 1 + poll / 10, registers(poll))
-        assert "10 polls a second are answered instead of 50" in told(seen, "warning")["machine-slow"]
+        assert "10 polls a second are answered instead of 50" in told(seen, "warning")["samples-missing.polls"]
 
     def test_what_is_not_mapped_is_said_with_what_it_costs(self):
         seen = seen_of(LINE_SURVEY + '[plc.signals.stopped]\ntable = "coil"\naddress = 3\ntype = "bit"\n')
         seen.seconds = 5.0
         answer(seen, 1, b"\x01")
-        notes = [each for each in diagnose(seen) if each.code == "signal-not-mapped"]
+        notes = [each for each in diagnose(seen) if each.code == "signals-absent"]
         assert len(notes) == 10
-        assert notes[2].text == "heartbeat is not mapped: a control that no longer renews its signals is not noticed"
+        assert notes[2].text == "without heartbeat a control that no longer renews its signals is not noticed"
 
     def test_the_indispensable_signal_refused_is_an_error_any_other_a_warning(self):
         extra = '[plc.signals.stopped]\naddress = 3\ntype = "bit"\n[plc.signals.alarm]\naddress = 90\ntype = "bit"\n'
@@ -149,4 +150,4 @@ class TestMachine:
             seen = seen_of(LINE_SURVEY + extra)
             seen.take(LinkEvent(0, "machine", "connected", "exception 2 (illegal data address)"))
             answer(seen, 1, refused)
-            assert "illegal data address" in told(seen, severity)["signal-refused"]
+            assert "illegal data address" in told(seen, severity)["signals-absent.refused"]

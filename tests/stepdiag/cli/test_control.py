@@ -227,6 +227,45 @@ class TestProfile:
         assert "p.toml: machine.name" in told.refusal
 
 
+class TestReadBack:
+    """Files that were read out of the control are compared with those that were written."""
+
+    def exported(self, result: Path, tmp_path: Path) -> Path:
+        assert stepdiag("export", result, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50).code == 0
+        return tmp_path / "out"
+
+    def held(self, folder: Path, tmp_path: Path, switches: str) -> Path:
+        """Return the tables of an export as a control would write them out, with switches."""
+        texts = [path.read_text(encoding="ascii").replace("M17\n", "") for path in sorted(folder.glob("*_UNTESTED_SIGN.INI"))]
+        path = tmp_path / "STEPDIAG_BACK.INI"
+        lines = [line for text in texts for line in text.splitlines() if line.startswith("$")]
+        path.write_text("\n".join([*lines, switches, "M17", ""]), encoding="ascii")
+        return path
+
+    def switches(self, folder: Path) -> str:
+        names = re.findall(r'"(\$(?:SN_CEC_TABLE|MA)[A-Z_]+\[[^]]*\])="', (folder / "READ_BACK.MPF").read_text(encoding="ascii"))
+        return "\n".join(f"{name}=1" for name in names)
+
+    def test_as_written(self, result, tmp_path):
+        folder = self.exported(result, tmp_path)
+        told = stepdiag("verify", result, folder, "--read-back", self.held(folder, tmp_path, self.switches(folder)))
+        assert told.code == 0, told.out
+        assert re.search(r"read back: \d+ numbers and 18 switches and weights in the control are as written", told.out)
+
+    def test_a_table_that_is_off_is_wrong(self, result, tmp_path):
+        folder = self.exported(result, tmp_path)
+        off = self.switches(folder).replace("$SN_CEC_TABLE_ENABLE[2]=1", "$SN_CEC_TABLE_ENABLE[2]=0")
+        told = stepdiag("verify", result, folder, "--read-back", self.held(folder, tmp_path, off), "--json")
+        assert told.code == 5
+        (found,) = json.loads(told.out)["read_back"]["findings"]
+        assert found["text"] == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
+
+    def test_without_the_files_of_the_export_there_is_nothing_to_compare(self, result, tmp_path):
+        told = stepdiag("verify", result, "--read-back", result)
+        assert told.code == 2
+        assert "--read-back: expected the files of the export" in told.refusal
+
+
 class TestSignTest:
     positions = np.linspace(-200.0, 200.0, 17)
 
@@ -250,12 +289,12 @@ class TestSignTest:
         assert told.code == 0
         names = {path.name for path in (tmp_path / "bump").iterdir()}
         assert {"AX_EEC.INI", "AX_EEC_RESTORE.INI", "SIGNTEST.txt"} <= names
-        assert "X moves -10.0 um" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii")
+        assert "X moves -10.0 µm" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8")
 
     def test_its_last_step_is_a_command_that_works_as_it_stands(self, profile, result, tmp_path, monkeypatch):
         """Keyed in beside profile and result: without --result it was refused, where the profile leaves the ends to the survey."""
         stepdiag(*self.arguments(profile, result), "--out", tmp_path / "bump")
-        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii").splitlines()[-1]
+        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8").splitlines()[-1]
         words = step.split("stepdiag ")[1].partition(" (")[0].split()
         off, on = self.runs(profile, tmp_path, 1.0)
         monkeypatch.chdir(profile.parent)
@@ -274,8 +313,29 @@ class TestSignTest:
         off, on = self.runs(profile, tmp_path, sense)
         told = stepdiag(*self.arguments(profile, result), "--off", off, "--on", on, "--date", "2026-05-31")
         assert told.code == 0
-        assert f'kind = "eec"\ndate = 2026-05-31\nverdict = "{verdict}"' in told.out
+        assert f'kind = "eec"\ndate = 2026-05-31\nverdict = "{verdict}"\nmachine = "test machine"\ncontrol = "siemens"' in told.out
+        hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (off, on)]
+        assert f"runs_sha256 = {json.dumps(hashes)}" in told.out
         assert ("will be refused" in told.out) == (verdict == "as-compensation")
+
+    def test_swapped_runs_are_refused_by_name(self, profile, result, tmp_path):
+        """They were recorded as the opposite sense, and a machine went from 7.46 to 9.28 um."""
+        off, on = self.runs(profile, tmp_path, 1.0)
+        told = stepdiag(*self.arguments(profile, result), "--off", on, "--on", off)
+        assert told.code == 3
+        assert "the two runs are swapped" in told.refusal
+
+    def test_without_the_curve_of_the_survey_there_is_no_verdict(self, profile, tmp_path):
+        off, on = self.runs(profile, tmp_path, 1.0)
+        full = profile.with_name("full.toml")
+        ends = 'name = "{0}"\nstart_mm = {1}\nend_mm = {2}'
+        text = profile.read_text(encoding="utf-8")
+        for name, low, high in (("AX1", -200.0, 200.0), ("AX2", 0.0, 400.0), ("AX3", -100.0, 100.0)):
+            text = text.replace(f'name = "{name}"', ends.format(name, low, high))
+        full.write_text(text, encoding="utf-8")
+        told = stepdiag("signtest", "--controller", "siemens", "--profile", full, "--off", off, "--on", on)
+        assert told.code == 2
+        assert "--result: expected the survey's result" in told.refusal
 
     def test_a_table_that_was_not_active_decides_nothing(self, profile, result, tmp_path):
         off, on = self.runs(profile, tmp_path, 0.0)
@@ -285,7 +345,8 @@ class TestSignTest:
 
     def test_a_cross_table_is_seen_with_a_dial(self, profile, result, tmp_path):
         run = tmp_path / "run.csv"
-        run.write_text("position_mm,off_um,on_um\n" + "".join(f"{at:g},0,0\n" for at in self.positions), encoding="ascii")
+        bow = np.interp(self.positions, VOLUME.nodes_mm(0), BENT["EYX"])
+        run.write_text("position_mm,off_um,on_um\n" + "".join(f"{at:g},{um},{um}\n" for at, um in zip(self.positions, bow, strict=True)))
         arguments = (*self.arguments(profile, result), "--function", "EYX")
         assert "not active" in stepdiag(*arguments, "--run", run).refusal
         assert "a linear run sees its own axis only" in stepdiag(*arguments, "--off", run, "--on", run).refusal

@@ -1,6 +1,10 @@
 """Every option of a command changes what it prints or writes, or is refused: none is accepted and not used."""
 
+import json
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +15,7 @@ import pytest
 import typer.main
 
 from stepdiag.base.result.result import Result
+from stepdiag.cli import LINUX_ONLY
 from stepdiag.cli.app import app
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import parse_profile
@@ -23,11 +28,13 @@ from stepdiag.fleet.store import Store
 from stepdiag.fourdof.record import HeadRecord, render_head_csv
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
+from testkit.elsewhere import contents, digests, put_back
 from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.fleets import finished_survey, write_history
 
+Outcome = tuple[Told, dict[Path, bytes]]
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
 ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -9, -5, -12, -19], "EZZ": [0, 6, -4, 5, 9], "EYX": [0, 5, 8, 4, 0]}
 SECTION = "[uncertainty]\nrepeatability_um = 4.0\n"
@@ -79,7 +86,8 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["verify", "result.json", "AX_EEC.INI"],
         {
             "--profile": ["--profile", "profile.toml"], "--diagonal": ["--diagonal", "none.rtl"], "--out": ["--out", "new.svg"],
-            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"], **STATED,
+            "--custody": ["--custody", "."], "--key-certificate": ["--key-certificate", "none.pem"], "--json": ["--json"],
+            "--read-back": ["--read-back", "AX_EEC.INI"], **STATED,
         },
     ),
     "compare": (
@@ -147,7 +155,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         },
     ),
     "info": (["info", "0001/0001.mcap"], {"--json": ["--json"]}),
-    "complete": (["complete", "0001"], {"--readings": ["--readings"]}),
+    "complete": (["complete", "0001"], {"--readings": ["--readings"], "--certificate": ["--certificate"]}),
     "trend": (
         ["trend", "store"],
         {
@@ -201,6 +209,9 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
 After a colon stands what a call of the command is for, where it has several.
 """
 
+NEEDED = {"demo": [], "setup": ["new.toml"], "status": ["."], "fleet": ["store"], "publish": ["result.json", "--broker", "localhost"]}
+"""What the commands that need Linux take at least, where it is no survey file."""
+
 COVERED: dict[str, dict[str, list[str]]] = {
     "demo": {
         "system/service/test_demo_live.py": ["--live", "--out"],
@@ -245,6 +256,10 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
         "system/service/test_opcua.py": ["--certificate", "--key", "--opcua", "--plain"],
         "stepdiag/publish/test_messages.py": ["--schema"],
+    },
+    "fourdof commission": {
+        "system/recording/test_commission_head.py": ["--calibration", "--json"],
+        "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
     },
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
@@ -307,7 +322,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
     low = VOLUME.origin_mm[0]
     points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
-    dial = list(zip(points[:, 0], total_correction_um(moved, points)[:, 0], strict=True))
+    (curve,) = fitted(result, ["EXX"]).curves
+    dial = list(zip(points[:, 0], curve.at(points[:, 0]), total_correction_um(moved, points)[:, 0], strict=True))
     texts = {
         "result.json": result.to_json(),
         "later.json": replace(result, errors={**result.errors, "EXX": result.errors["EYY"]}).to_json(),
@@ -325,8 +341,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "other.toml": "[certificate]\nbegun = 2026-05-30\nended = 2026-06-01\n",
         "tolerance.toml": "[tolerance]\nsquareness_urad = 20.0\n",
         "paper.toml": 'name = "Workshop"\n',
-        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
-        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),
+        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own + by}\n" for at, own, by in dial),
+        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},{own},{own - by}\n" for at, own, by in dial),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -339,27 +355,30 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def kept(goods: Path) -> dict[Path, bytes]:
+    """The files of that folder as they were made."""
+    return contents(goods)
+
+
 @pytest.fixture
-def shop(goods: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of that folder, which is where the commands work."""
-    shutil.copytree(goods, tmp_path / "shop")
-    monkeypatch.chdir(tmp_path / "shop")
-    return tmp_path / "shop"
+def shop(goods: Path, kept: dict[Path, bytes], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """That folder as it was made, which is where the commands work: always the same, so that a path in an answer is no difference."""
+    if contents(goods) != kept:
+        put_back(goods, kept)
+    monkeypatch.chdir(goods)
+    return goods
 
 
-def outcome(folder: Path, arguments: list[str]) -> tuple[Told, dict[Path, bytes]]:
+@pytest.fixture(scope="module")
+def plain_outcomes() -> dict[str, Outcome]:
+    """What each call comes to without a further option: worked out once a call, not once an option."""
+    return {}
+
+
+def outcome(folder: Path, arguments: list[str]) -> Outcome:
     """What a call comes to: its end, its words and the files there afterwards."""
-    told = stepdiag(*arguments)
-    return told, {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-def _put_back(folder: Path, files: dict[Path, bytes]) -> None:
-    """Bring a folder back to the files that it held."""
-    for path in folder.iterdir():
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    for path, data in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(data)
+    return stepdiag(*arguments), contents(folder)
 
 
 def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
@@ -418,21 +437,20 @@ def test_the_named_test_uses_the_option(name, place, option):
 
 
 @pytest.mark.parametrize(("name", "option"), list(cases()))
-def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop):
+def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop, kept, plain_outcomes):
     call, options = CALLS[name]
-    before = outcome(shop, ["--version"])[1]
-    plain = outcome(shop, call)
-    _put_back(shop, before)
-    assert outcome(shop, [*without(call, option), *options[option]]) != plain
+    if name not in plain_outcomes:
+        plain_outcomes[name] = outcome(shop, call)
+        put_back(shop, kept)
+    assert outcome(shop, [*without(call, option), *options[option]]) != plain_outcomes[name]
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))
-def test_the_same_call_makes_the_same(name, shop):
+def test_the_same_call_makes_the_same(name, shop, kept):
     """Otherwise any option would seem to change something. What a call is for is done, too."""
-    before = outcome(shop, ["--version"])[1]
     plain = outcome(shop, CALLS[name][0])
     assert plain[0].code in (0, 5), plain[0]
-    _put_back(shop, before)
+    put_back(shop, kept)
     assert outcome(shop, CALLS[name][0]) == plain
 
 
@@ -442,7 +460,7 @@ def test_the_same_call_makes_the_same(name, shop):
      ("--tolerance", "tolerance.toml"), ("--monte-carlo", "1000"), ("--run", "none.rtl")],
 )  # fmt: skip
 def test_logs_take_no_option_of_readings(given, shop):
-    """Angles beside logs were read by nobody: 3.5 um of uncertainty where they give 1.7."""
+    """Angles beside logs were read by nobody: 3.5 µm of uncertainty where they give 1.7."""
     told = stepdiag("solve", shop, *given)
     assert told.code == 2
     assert f"{given[0]}: expected one readings file (*.csv), found logs" in told.refusal
@@ -469,3 +487,24 @@ def test_a_scheduler_has_workers_of_its_own(tmp_path):
     told = stepdiag("resolve", tmp_path, "--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
     assert told.code == 2
     assert "--workers: expected no --scheduler beside it" in told.refusal
+
+
+def test_files_are_worked_on_wherever_python_runs(shop, kept):
+    """Without the modules and calls that Windows has not, each call ends alike with the same bytes; what needs Linux is refused."""
+    calls = {name: call for name, (call, _) in CALLS.items()}
+    linux = {name: ["run", "survey.toml"] if name == "run" else [*name.split(), *NEEDED.get(name, ["survey.toml"])] for name in LINUX_ONLY}
+    given = json.dumps({**calls, **linux})
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run(
+        [sys.executable, "-m", "testkit.elsewhere"], input=given, capture_output=True, text=True, cwd=shop, env=environment, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    ends = json.loads(ended.stdout)
+    for name in LINUX_ONLY:
+        code, out, refusal, _ = ends[name]
+        assert (code, out) == (2, ""), name
+        assert f"stepdiag {name}: expected Linux" in refusal
+    for name, call in calls.items():
+        here = stepdiag(*call)
+        assert [*here, digests(shop)] == ends[name], name
+        put_back(shop, kept)

@@ -8,10 +8,10 @@ from testkit.fault_cases import BEGIN, CASES, CLEAN, END, FILES, NEARLY, NOISE_U
 
 QUICK = {
     "positions written with one decimal",
-    "by -20 um, on the first step",
+    "by -20 µm, on the first step",
     "aborted and driven again whole",
-    "a stop measured again 55 um off, alone",
-    "by 20 um in a run along an axis",
+    "a stop measured again 55 µm off, alone",
+    "by 20 µm in a run along an axis",
 }
 """One of each kind; `make faults` runs them all."""
 

@@ -8,11 +8,12 @@ from typer.testing import CliRunner
 
 from stepdiag.base.errors import DataError, StepdiagError, UsageError
 from stepdiag.cli.app import app, build
-from stepdiag.daq.survey.head_file import LeverTable, parse_head_file
+from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file
 from stepdiag.fourdof.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.exact.heads import write_head_file
+from testkit.exact.heads import head_file, survey_section, write_head_file
+from testkit.timeline import survey_text
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))
@@ -84,6 +85,55 @@ def test_from_a_new_head_to_its_calibration_file(tmp_path):
         fourdof("calibrate", *arguments, "--base", out, "--out", out)
 
 
+def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_path):
+    """A file of `new` gave a pitch 40 u off, and one without signs covered 1 per cent."""
+    fourdof("new", "--id", "4D-9", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "new.toml")
+    wobble = write_samples(tmp_path / "w.csv", 300.0, 20.0, amplitude=100.0, period_s=3.0)
+    at = ("--at", f"300={wobble}", "--calibration", tmp_path / "new.toml", "--out", tmp_path / "x.toml")
+    with pytest.raises(DataError, match=r"signs: qd.x: .*found nothing has measured qd.x, qd.y, .*; next: `stepdiag fourdof commission`"):
+        fourdof("signs", *at)
+    run = write_stage_run(tmp_path / "qdx.csv", "qd", 0)
+    fourdof("calibrate", "--run", f"qd.x={run}", "--base", tmp_path / "new.toml", "--out", tmp_path / "part.toml")
+    file = parse_head_file((tmp_path / "part.toml").read_bytes(), "part.toml")
+    assert file.measured["qd.x"].by == "fourdof calibrate"
+    with pytest.raises(DataError, match=r"stability: qd.y: expected a field that a command measured"):
+        fourdof("stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300)
+
+
+def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
+    """The run of the head and nothing else of the plan; the profile's signals and travel are the machine's own."""
+    (tmp_path / "survey.toml").write_text(
+        survey_text(size=(300.0, 300.0, 300.0), n=3, setups=("ppp", "fourdof-z"), signals=survey_section("/dev/null1"))
+    )
+    fourdof("new", "--id", "4D-001", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "head.toml")
+    (tmp_path / "mine.toml").write_text('[program]\nstand = "M70 (AT {count})"\n')
+    ours = ("--controller", "fanuc", "--profile", tmp_path / "mine.toml", "--out", tmp_path / "nc")
+    said = fourdof("commission", tmp_path / "survey.toml", *ours)
+    assert "next: `stepdiag run survey.toml`" in said
+    (program,) = (tmp_path / "nc").glob("O*")
+    text = program.read_text()
+    assert text.count("(WOBBLE THE POINTING") == 2
+    assert "M70 (AT " in text
+    (tmp_path / "plain.toml").write_text(survey_text(size=(300.0, 300.0, 300.0), n=3, signals=survey_section("/dev/null1")))
+    with pytest.raises(UsageError, match="expected a run fourdof-x, fourdof-y or fourdof-z, found ppp"):
+        fourdof("commission", tmp_path / "plain.toml", "--controller", "fanuc", "--out", tmp_path / "none")
+    with pytest.raises(UsageError, match="--controller with a survey file"):
+        fourdof("commission", tmp_path / "survey.toml", "--out", tmp_path / "none")
+    with pytest.raises(UsageError, match="--calibration with logs"):
+        fourdof("commission", tmp_path / "0001.mcap", "--out", tmp_path / "made.toml")
+
+
+def test_a_detector_wrong_by_a_factor_of_two_is_refused_and_nothing_is_written(tmp_path):
+    """The mean of a right and a wrong axis was written, wrong for both."""
+    half = AxisTable(coefficients_um=(0.0, 1000.0), low=-0.95, high=0.95, u_um=0.1)
+    write_head_file(tmp_path / "head.toml", psd1=DetectorTable(x=half, y=head_file().psd1.y))
+    places = [(d, write_samples(tmp_path / f"{d}.csv", float(d), 20.0, amplitude=100.0, period_s=3.0)) for d in (300, 900)]
+    at = [part for distance, path in places for part in ("--at", f"{distance}={path}")]
+    with pytest.raises(DataError, match=r"gains from 0.95 to 1.05, found a lever that grows"):
+        fourdof("signs", *at, "--calibration", tmp_path / "head.toml", "--out", tmp_path / "signed.toml")
+    assert not (tmp_path / "signed.toml").exists()
+
+
 def test_the_pages_of_figures_are_html_where_asked(tmp_path):
     write_head_file(tmp_path / "head.toml")
     source = write_samples(tmp_path / "s.csv", 2000.0, 120.0, amplitude=5.0, period_s=60.0)
@@ -142,6 +192,31 @@ def test_compare_with_a_reference_instrument(tmp_path):
     (tmp_path / "other.csv").write_text("position_mm,EXY_um\n0,0\n100,1\n")
     with pytest.raises(DataError, match="expected a function in both: EYX, EBX"):
         fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "other.csv")
+
+
+def test_compare_finds_how_far_the_heads_stood_from_each_other(tmp_path):
+    """A reference 100 mm along the axis and 40 mm beside it: yaw, pitch and roll show the arm; 3 um of differences become the noise."""
+    position = np.arange(0.0, 1001.0, 50.0)
+    rng = np.random.default_rng(1)
+    turns = [30.0 * np.sin(position / scale) for scale in (300.0, 220.0, 170.0)]  # roll, pitch, yaw of X in urad
+    arm = np.array([100.0, -40.0, 25.0])
+    moved = 1e-3 * np.cross(np.column_stack(turns), arm)
+    bow = np.column_stack([np.zeros(21), 4.0 * np.sin(position / 400.0), 3.0 * np.cos(position / 500.0)])
+    ours, theirs = bow + moved + rng.normal(0.0, 0.1, moved.shape), bow + rng.normal(0.0, 0.1, moved.shape)
+    columns = np.column_stack([position, ours[:, 1:], *turns])
+    head = "position_mm,EYX_um,EZX_um,EAX_urad,EBX_urad,ECX_urad"
+    (tmp_path / "ours.csv").write_text("\n".join([head, *(",".join(f"{value:.5f}" for value in row) for row in columns)]) + "\n")
+    lines = [",".join(f"{value:.5f}" for value in row) for row in np.column_stack([position, theirs[:, 1:]])]
+    (tmp_path / "theirs.csv").write_text("\n".join(["position_mm,EYX_um,EZX_um", *lines]) + "\n")
+    said = json.loads(fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv", "--json"))
+    found = said["arms"]["X"]
+    assert max(said["EYX"]["rms"], said["EZX"]["rms"]) > 1.0
+    assert np.all(np.abs(np.array(found["mm"]) - arm) < 3 * np.array(found["u_mm"]))
+    assert max(found["u_mm"]) < 5.0
+    assert max(found["rms_um"].values()) < 0.25
+    assert "X: the head stood from the reference at x +" in fourdof(
+        "compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv"
+    )
 
 
 def test_align_shows_a_recording(tmp_path):

@@ -34,7 +34,7 @@ class TestSolve:
         assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), "range of the shape, um; unknown angles make u 7 um"
         assert cells(told.out, "EXX")[5] == "shape only"
         assert cells(told.out, "EYX")[5] == "yes"
-        assert cells(told.out, "scale X") == ["scale X", "-", "-", "um/m", "NO"]
+        assert cells(told.out, "scale X") == ["scale X", "-", "-", "µm/m", "NO"]
         assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
         assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), "the mirror's tilt in mrad"
         assert "WARNING unidentified" in told.out
@@ -136,7 +136,7 @@ class TestResultTable:
     def test_what_is_not_identified_is_not_a_number(self, capsys):
         result_table(made_result({"EYX": None}, squareness={"C0Y": None}), None)
         out = capsys.readouterr().out
-        assert cells(out, "EYX") == ["EYX", "-", "-", "-", "um", "NO"]
+        assert cells(out, "EYX") == ["EYX", "-", "-", "-", "µm", "NO"]
         assert cells(out, "C0Y")[-1] == "NO"
 
     def test_uncertainty_is_shown_expanded(self, capsys):
@@ -149,7 +149,7 @@ class TestResultTable:
     def test_angles_stand_below_and_findings_at_the_end_the_worst_first(self, capsys):
         findings = (Finding(code="b", severity="info", text="[note]"), Finding(code="a", severity="error", text="worst"))
         result_table(made_up_result(angles=True), None)
-        assert cells(capsys.readouterr().out, "ECZ")[4] == "urad"
+        assert cells(capsys.readouterr().out, "ECZ")[4] == "µrad"
         result_table(made_result(findings=findings), None)
         assert capsys.readouterr().out.splitlines()[-2:] == ["ERROR   a: worst", "note    b: [note]"]
 

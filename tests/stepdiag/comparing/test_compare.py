@@ -79,7 +79,7 @@ def test_the_coverage_factor_is_two_for_one_quantity() -> None:
 
 
 def test_a_crash_of_one_axis_is_found() -> None:
-    """Squareness moved by 5 urad and one straightness by 4 um in one place: these two are named, with size and place."""
+    """Squareness moved by 5 urad and one straightness by 4 µm in one place: these two are named, with size and place."""
     before = made_up_result()
     bent = before.errors["EYX"].value.copy()
     bent[4] += 4.0
@@ -300,7 +300,7 @@ def test_as_left_of_a_smaller_volume_is_refused(tmp_path: Path, command: str) ->
 
 
 def test_lengths_at_20_c_and_as_measured_are_not_compared():
-    """Six degrees are 70 um/m of a steel scale, which no machine lost."""
+    """Six degrees are 70 µm/m of a steel scale, which no machine lost."""
     one, other = (replace(made_up_result(), **members(lengths={"tables": tables})) for tables in ("as_measured", "at_20_c"))
     with pytest.raises(DataError, match=r"other lengths: lengths at 20 C instead of lengths as measured"):
         compare(one, other)

@@ -62,7 +62,7 @@ def reach_of_json(document: dict[str, Any]) -> Reach:
 
 class TestWhatIsWrong:
     def test_is_ranked_by_what_it_moves_the_tool(self) -> None:
-        """25 urad over 400 mm are 10 um; they come before 12 um/m over 500 mm (6 um) and after a shape of 16 um."""
+        """25 urad over 400 mm are 10 µm; they come before 12 µm/m over 500 mm (6 µm) and after a shape of 16 um."""
         result = replace(made_up_result(amplitude_um=8.0, scales=True), squareness=leaning(25.0))
         ranked = contributions_of(result)
         assert [one.effect_um for one in ranked] == sorted((one.effect_um for one in ranked), reverse=True)
@@ -76,7 +76,7 @@ class TestWhatIsWrong:
         result = replace(made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value))
         (_, sentence), *_ = conclude(result).wrong
         assert f"C0Y, towards {towards}" in render(sentence, "en")
-        assert "Y steht 25 µrad schief zu X" in render(sentence, "de")
+        assert "Y steht 25,00 µrad schief zu X" in render(sentence, "de")
 
     def test_what_lies_within_its_uncertainty_is_not_wrong(self) -> None:
         """3 urad with u = 2 urad say nothing of the machine."""
@@ -335,7 +335,7 @@ class TestUnseenSlip:
         assert "4.0 µm are nearly always noticed (95 %)" in words
 
     def test_is_said_with_its_passes_where_it_makes_more_than_the_readings_do(self) -> None:
-        """0.5 um of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has that and not the slip."""
+        """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has that and not the slip."""
         slip, passes = self.said(volume_um=0.5, readings_um=0.2, passes=["npp/1", "ppp/2"])
         assert "2.5 µm in npp/1/4" in slip
         assert "No stated uncertainty counts such a slip. Unnoticed in npp/1, ppp/2" in passes
@@ -346,7 +346,7 @@ class TestUnseenSlip:
     def test_never_goes_away_when_readings_get_noisier_and_makes_no_uncertainty_smaller(
         self, increments: int, passes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """With readings to 1 um of four passes on one count 6 um went unsaid, that are noticed in half of the surveys."""
+        """With readings to 1 µm of four passes on one count 6 µm went unsaid, that are noticed in half of the surveys."""
         sizes = []
         for noise_um in (0.05, 0.2, 1.0, 5.0):
             bench = Bench(seed=3, increments=increments, diagonal_noise_um=noise_um, linear_noise_um=noise_um, angle_urad=2.0)

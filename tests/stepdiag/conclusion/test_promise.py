@@ -19,7 +19,7 @@ INSIDE = 10
 
 
 def bench(seed: int) -> Bench:
-    """Return a machine with angles to 20 urad, drift to 2 um/h an axis, and up to four waves of 1.5 um in each displacement."""
+    """Return a machine with angles to 20 urad, drift to 2 um/h an axis, and up to four waves of 1.5 µm in each displacement."""
     drawn = np.random.default_rng((15, seed))
     drift = drawn.uniform(-2.0, 2.0, 3)
     return Bench(

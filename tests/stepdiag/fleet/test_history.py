@@ -24,7 +24,7 @@ QUARTER = timedelta(days=91)
 def history(
     *standings: Standing, nodes: tuple[tuple[float, ...], ...] = (), times: tuple[datetime, ...] = (), factor: tuple[float, ...] = ()
 ) -> History:
-    """Return the history of a machine: a survey each, with a bow of 10 um as EYX and a volumetric error of 5 um."""
+    """Return the history of a machine: a survey each, with a bow of 10 µm as EYX and a volumetric error of 5 um."""
     tables = []
     for number, standing in enumerate(standings):
         about = About(

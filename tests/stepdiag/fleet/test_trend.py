@@ -22,8 +22,9 @@ from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.fleet.terminal import as_csv, leaves
+from stepdiag.fleet.terminal import as_csv, as_json, leaves
 from stepdiag.fleet.trend import YEAR, already_perhaps, statements, trend_of, trends_of
+from stepdiag.texts.texts import UNITS
 from testkit.browsing import visit
 from testkit.cli import stepdiag
 from testkit.examples import few
@@ -166,7 +167,7 @@ class TestChanges:
         assert {each.verdict for each in others} == {"unchanged"}
 
     def test_what_all_surveys_have_in_common_hides_no_change(self) -> None:
-        """A crash of 2.5 um at U 3 um, of which nine tenths are the same in every survey."""
+        """A crash of 2.5 µm at U 3 µm, of which nine tenths are the same in every survey."""
         values = [5.0 + 2.5 * (number >= 14) + 0.1 * (-1) ** number for number in range(20)]
         common = math.sqrt(1 - 0.1**2)
         assert trend_of(made_series(values, u=1.5, common=common)).steps[0].at == 14
@@ -193,7 +194,7 @@ class TestChanges:
 
 class TestLine:
     def test_a_drift_leaves_the_tolerance_on_the_day_that_the_line_says(self) -> None:
-        """1 um a year from 5 um: 10 um after five years, within its interval; the interval holds the truth."""
+        """1 µm a year from 5 µm: 10 µm after five years, within its interval; the interval holds the truth."""
         values = [5.0 + 1.0 * (number * QUARTER / YEAR) for number in range(12)]
         found = trend_of(made_series(values, u=0.1), tolerance=10.0)
         assert found.line is not None
@@ -236,8 +237,32 @@ class TestLine:
         found = trend_of(made_series([8.0 + 0.2 * number for number in range(12)], u=0.2), tolerance=10.0)
         assert found.outside == "perhaps"
         assert already_perhaps(found)
-        assert leaves(found) == "perhaps outside already"
+        assert leaves(found).startswith("not decidable: perhaps outside ")
         assert "perhaps outside its tolerance" in fleet_html([found], "store", "en")
+
+    @pytest.mark.parametrize(
+        ("last", "u", "verdict", "english", "german"),
+        [
+            (8.0, 0.5, "conform", "conform to its tolerance of 10 µm", "konform mit der Toleranz von 10"),
+            (9.5, 0.5, "not_decidable", "not decidable", "nicht entscheidbar"),
+            (8.0, None, "not_decidable", "not decidable", "nicht entscheidbar"),
+            (12.0, 0.5, "not_conform", "not conform, outside", "nicht konform, außerhalb"),
+        ],
+    )
+    def test_the_last_figure_is_judged_by_the_tolerance_of_the_store(
+        self, last: float, u: float | None, verdict: str, english: str, german: str
+    ) -> None:
+        """ISO 14253-1, in the table, for programs and on the sheet; without a tolerance there is no word of it."""
+        series = made_series([8.0, 8.0, last], u=u)
+        found = trend_of(series, tolerance=10.0)
+        assert found.conformity == verdict
+        assert as_json([found], [])["series"][0]["conformity"] == verdict
+        assert leaves(found).startswith(verdict.replace("_", " "))
+        assert english in fleet_html([found], "store", "en")
+        assert german in fleet_html([found], "store", "de")
+        plain = trend_of(series)
+        assert plain.conformity is None
+        assert "conform" not in leaves(plain) + fleet_html([plain], "store", "en")
 
     def test_the_day_of_a_machine_with_seasons_is_true_as_often_as_its_interval_states(self) -> None:
         held = asked = 0
@@ -341,7 +366,7 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
         assert sheet.count("<article") == sheet.count("<svg") == 3
         points = [(each, point) for _, (each, *_) in worst_first(trends) for point in each.series.points]
         said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', sheet)
-        figures = [f"{point.value:.2f} ± {2 * (point.u or 0):.2f} {each.series.unit}" for each, point in points]
+        figures = [f"{point.value:.2f} ± {2 * (point.u or 0):.2f} {UNITS[each.series.unit]}" for each, point in points]
         assert [words.rpartition(" = ")[2].replace(",", ".") for words in said] == figures, "every survey says its figure with U"
         assert ("," in said[0].rpartition(" = ")[2]) == (language == "de")
         tables = [b64decode(each).decode() for each in re.findall(r'href="data:text/csv;charset=utf-8;base64,([^"]+)"', sheet)]

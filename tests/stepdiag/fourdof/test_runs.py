@@ -8,8 +8,8 @@ from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.head_file import CrosstalkTable, LeverTable, render_head_file
-from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles
+from stepdiag.daq.survey.head_file import CrosstalkTable, DetectorTable, HeadIdentity, LeverTable, LightTable, render_head_file
+from stepdiag.fourdof.runs import evaluate_head, mean_straightness, merge_angles, over_passes, with_ends
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
 from stepdiag.virtual.bench.config import load_config
@@ -71,7 +71,7 @@ STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
 def test_straightness_pitch_and_yaw_of_every_axis_are_found_through_a_drifting_beam():
-    """20 urad of pointing at 0.9 m would be 18 um of straightness; the fit of a FXYZ machine sees none of it."""
+    """20 urad of pointing at 0.9 m would be 18 µm of straightness; the fit of a FXYZ machine sees none of it."""
     wanted = survey()
     passes, truth = captured(wanted)
     found = evaluate_head(wanted, passes, FILES, {})
@@ -113,7 +113,7 @@ def test_the_laser_may_give_the_distance():
 
 
 def test_a_cube_off_the_axis_needs_the_roll_of_a_level():
-    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 um; with vertex and level told, they are gone."""
+    """Theory 9 (a): 30 mm off the axis and 30 urad of roll are 0.9 µm; with vertex and level told, they are gone."""
     wanted = survey()
     passes, truth = captured(wanted, vertex="0.0, 30.0, 0.0")
     told = {"head.toml": render_head_file(head_file(crosstalk=CrosstalkTable(vertex_mm=(30.0, 0.0, 0.0)))).encode()}
@@ -131,6 +131,35 @@ def test_a_calibration_of_another_head_or_none_is_refused():
         evaluate_head(wanted, passes, FILES, {})
     with pytest.raises(DataError, match="expected the head's calibration file in the log"):
         evaluate_head(wanted, passes, {}, {})
+
+
+def test_a_calibration_that_is_not_finished_gives_no_result():
+    """What `show` and `solve` take is complete: the fields that nothing has measured are named."""
+    wanted = survey()
+    passes, _ = captured(wanted)
+    identity = HeadIdentity(id="4D-001", format="fourdof", date="2026-11-26", version=2)
+    for changes in ({}, {"lever": None}, {"qd": DetectorTable()}):
+        unfinished = {"head.toml": render_head_file(head_file(head=identity, **changes)).encode()}
+        with pytest.raises(DataError, match=r"head.toml: .*nothing has measured .*next: `stepdiag fourdof commission`"):
+            evaluate_head(wanted, passes, unfinished, {})
+
+
+def test_a_spot_that_loses_a_fiftieth_of_its_light_is_named_and_not_used():
+    wanted = survey()
+    passes, _ = captured(wanted)
+    lit = {"head.toml": render_head_file(head_file(light=LightTable(sums=(1e6, 1e6, 1e6), within=0.01))).encode()}
+    assert evaluate_head(wanted, passes, lit, {}).findings == ()
+    book = PassBook(wanted)
+    for stop in (stop for each in passes for stop in each.chosen().values()):
+        cut = stop.setup == "fourdof-x" and stop.stop == 3
+        book.add(msgspec.structs.replace(stop, channels=(*stop.channels[:2], 0.98 * stop.channels[2], *stop.channels[3:])) if cut else stop)
+    found = evaluate_head(wanted, book.passes, lit, {})
+    assert {finding.code for finding in found.findings} == {"fourdof-out-of-range"}
+    assert all("one sum left the other two in 1 of 7" in finding.text for finding in found.findings)
+    assert (
+        sum(len(one.position_mm) for one in found.straightness)
+        == sum(len(one.position_mm) for one in evaluate_head(wanted, passes, lit, {}).straightness) - 4
+    )
 
 
 def test_a_quadrant_detector_alone_gives_straightness_with_its_drift_and_says_so():
@@ -198,7 +227,7 @@ def test_level_and_head_are_merged_and_a_double_is_named():
 
 
 def test_the_parallel_shift_of_the_source_is_in_the_uncertainty():
-    """No detector sees it: half of a shift of 6 um in a pass, as a Brownian bridge, is 1.2 um in the rms beside what u was."""
+    """No detector sees it: half of a shift of 6 µm in a pass, as a Brownian bridge, is 1.2 µm in the rms beside what u was."""
     wanted = survey()
     passes, _ = captured(wanted)
     still = msgspec.structs.replace(wanted, uncertainty=msgspec.structs.replace(wanted.uncertainty, source_shift_um=0.0))
@@ -218,3 +247,45 @@ def test_what_is_uncertain_of_the_levers_slope_counts_far_from_where_it_was_foun
     assert far[0] == pytest.approx(near[0], rel=0.01)
     # 0.05 of 600 mm are 30 mm of lever; times some ten urad of drift
     assert far[-1] > near[-1] + 0.05
+
+
+def noisy_days(bow_um=0.0, passes=10, noise_urad=0.5):
+    """Straightness of X seen in so many outward passes of one head; the second half with a bow."""
+    wanted = survey()
+    book = PassBook(wanted)
+    rng = np.random.default_rng(3)
+    stops = [stop for each in captured(wanted)[0] for stop in each.chosen().values() if stop.setup == "fourdof-x" and stop.outward]
+    way = np.linspace(0.0, 1.0, len(stops))
+    for number in range(passes):
+        for stop, at in zip(stops, way, strict=True):
+            drawn = rng.normal(0.0, noise_urad * 1e-6 * 150.0 / 2.0 * 1e6, 2)
+            bent = 4.0 * bow_um * at * (1.0 - at) * (number >= passes // 2) * 2.0 / 1414.2 * 1e6 * 2.0 / np.sqrt(np.pi)
+            channels = np.array(stop.channels) + np.array([bent, 0, 0, *drawn, 0, 0, 0, 0])
+            u = (*stop.u_channels[:3], *np.full(2, noise_urad * 75.0), *stop.u_channels[5:])
+            book.add(msgspec.structs.replace(stop, channels=tuple(channels.tolist()), u_channels=u, time_s=stop.time_s + 1000.0 * number))
+    return wanted, book.passes
+
+
+def test_ten_passes_lower_the_uncertainty_but_not_what_they_share():
+    u = {}
+    for passes in (1, 10):
+        wanted, driven = noisy_days(passes=passes)
+        found = evaluate_head(wanted, driven, FILES, {})
+        (one,) = [one for one in over_passes(found) if one.name == "EYX"]
+        u[passes] = one.u_um[3], found.angles["ECX"].u_urad[3]
+    assert u[10][0] < 0.75 * u[1][0]
+    # the curve of the QD, 0.5 um of the spot, is in every pass
+    assert u[10][0] > 0.25
+
+
+def test_two_days_that_differ_by_a_bow_are_named():
+    wanted, driven = noisy_days(bow_um=10.0, passes=2)
+    named = [one for one in evaluate_head(wanted, driven, FILES, {}).findings if one.code == "straightness-misclosure"]
+    assert [one.text[:26] for one in named] == ["EYX: passes 1 and 3 of the"]
+    wanted, driven = noisy_days(passes=4)
+    assert evaluate_head(wanted, driven, FILES, {}).findings == ()
+
+
+def test_the_ends_of_the_line_are_in_the_uncertainty_between_them():
+    """Independent u of 1 um everywhere: in the middle the line adds a half (JCGM 100, 5.1.2)."""
+    assert with_ends(np.linspace(0.0, 4.0, 5), np.ones(5)) == pytest.approx([1.0, np.sqrt(1.625), np.sqrt(1.5), np.sqrt(1.625), 1.0])

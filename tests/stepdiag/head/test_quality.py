@@ -20,7 +20,7 @@ BENCH = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))
 NOISE = SpotDetector(noise=2e-5)
 OPTICS = HeadOptics(qd=NOISE, psd1=NOISE, psd2=NOISE)
-"""Twenty parts per million of the full sum: 15 nm of straightness, 0.06 arc-seconds of the drift, which are 2 um at 8 m, a sample."""
+"""Twenty parts per million of the full sum: 15 nm of straightness, 0.06 arc-seconds of the drift, which are 2 µm at 8 m, a sample."""
 
 
 def standing(distance_mm, seconds, *, pointing=0.0, bending=0.0, period_s=600.0, rate_hz=2.0, optics=OPTICS, seed=4):
@@ -54,7 +54,7 @@ def far_file(distance_mm):
 
 
 def test_straightness_at_8_m_is_four_times_as_stable_where_the_pointing_drifts():
-    """Feng 3.1, Fig. 5: 25 um within 16 minutes become 12 um at most."""
+    """Feng 3.1, Fig. 5: 25 µm within 16 minutes become 12 µm at most."""
     record = standing(8000.0, 960.0, pointing=2.0)
     found = stability_of(record, far_file(8000.0), 8000.0, 1.0)
     raw = max(found[f"straightness {axis}"].raw_fluctuation for axis in "xy")
@@ -64,7 +64,7 @@ def test_straightness_at_8_m_is_four_times_as_stable_where_the_pointing_drifts()
 
 
 def test_a_noisy_drift_detector_makes_nothing_worse():
-    """1.7 urad of PSD1's noise in a mean of a second are 14 um at 8 m: taken at its word it makes 67 um and more of 25; half are left."""
+    """1.7 urad of PSD1's noise in a mean of a second are 14 µm at 8 m: taken at its word it makes 67 µm and more of 25; half are left."""
     noisy = SpotDetector(noise=1.8e-4)
     record = standing(8000.0, 960.0, pointing=2.0, optics=HeadOptics(qd=NOISE, psd1=noisy, psd2=NOISE))
     found = stability_of(record, far_file(8000.0), 8000.0, 1.0)
@@ -86,7 +86,7 @@ def test_angles_at_10_m_fall_from_10_to_3_arc_seconds_where_the_pointing_drifts(
 
 
 def test_bending_air_is_the_stated_limit():
-    """Theory 9: a cube sends bent light back as if unbent, PSD1 sees nothing: of 25 um by air all remain, and of the angle too."""
+    """Theory 9: a cube sends bent light back as if unbent, PSD1 sees nothing: of 25 µm by air all remain, and of the angle too."""
     record = standing(8000.0, 960.0, bending=0.5)
     found = stability_of(record, far_file(8000.0), 8000.0, 30.0)
     for name, each in found.items():
@@ -95,7 +95,7 @@ def test_bending_air_is_the_stated_limit():
 
 
 def calibrated(distance_mm=500.0):
-    """A file whose curves were found with a reference stage: 650 um in 27 steps, 600 arc-seconds in 25."""
+    """A file whose curves were found with a reference stage: 650 µm in 27 steps, 600 arc-seconds in 25."""
     file = head_file()
     fits = {}
     for column, axis in enumerate("xy"):
@@ -115,7 +115,7 @@ def calibrated(distance_mm=500.0):
 
 
 def test_calibration_residuals_are_within_the_published_limits():
-    """Feng 3.2: +-1.5 um over +-650 um and +-1.5 arc-seconds over +-600; a quadrant under a Gaussian spot is 43 um off a line there."""
+    """Feng 3.2: +-1.5 µm over +-650 µm and +-1.5 arc-seconds over +-600; a quadrant under a Gaussian spot is 43 µm off a line there."""
     file, fits = calibrated()
     for (detector, axis), fit in fits.items():
         assert max(map(abs, fit.limits)) < 1.5, (detector, axis)
@@ -126,7 +126,7 @@ def test_calibration_residuals_are_within_the_published_limits():
 
 
 def test_comparison_residuals_are_within_the_published_ones():
-    """Feng 3.3: travel of 1 m in steps of 100 mm; -2.4 to 1.1 and +-3.9 um, -1.8 to 1.3 and -2.8 to 2.4 arc-seconds against a reference."""
+    """Feng 3.3: travel of 1 m in steps of 100 mm; -2.4 to 1.1 and +-3.9 µm, -1.8 to 1.3 and -2.8 to 2.4 arc-seconds against a reference."""
     file, _ = calibrated()
     position = np.arange(0.0, 1001.0, 100.0)
     rng = np.random.default_rng(7)

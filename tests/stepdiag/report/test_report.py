@@ -21,6 +21,7 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.interval import with_expanded
 from stepdiag.base.result.members import SetupReport
 from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
@@ -198,7 +199,7 @@ def test_budget_is_one_table_of_three_largest_sources(language: Language) -> Non
     assert table is not None
     english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
     assert english & {row[0] for row in table.rows} == (english if language == "en" else set())
-    assert sorted(row[1] for row in table.rows) == sorted(["1.02 µm"] * (2 + len(KINDS)) + ["1.02 µm/m"])
+    assert sorted(row[1] for row in table.rows) == sorted(["1.0 µm"] * (2 + len(KINDS)) + ["1.0 µm/m"])
     assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {("61", "34", "4")}
     assert budget_table(made_up_result(), {}, words) is None
 
@@ -240,8 +241,10 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
     by_name = {row[0].partition(" /")[0]: row for row in table.rows}
     rms = by_name["Volumetric error, rms (k = 2)"]
     assert (rms[1], rms[4]) == (" … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()), "5")
-    assert rms[5].startswith("not conform (< 1 %)")
-    assert by_name["C0Y"][3] == f"{later.squareness['C0Y'].value:.2f} ± {2 * later.squareness['C0Y'].u:.2f}".replace("-", "−")
+    assert rms[5] == "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
+    expanded = 2.0 * before.squareness["C0Y"].u
+    assert by_name["C0Y"][2] == with_expanded(0.0, expanded)
+    assert by_name["C0Y"][3] == with_expanded(later.squareness["C0Y"].value, 2 * later.squareness["C0Y"].u).replace("-", "−")
     assert "Range of EYX" in by_name
     plain = effect_table(solved(1), conclude(solved(1)).reach, None, words, "en")
     assert plain is not None
@@ -269,7 +272,7 @@ def test_what_a_pointer_finds_is_what_was_computed() -> None:
 
 
 def test_the_band_is_twice_the_standard_uncertainty() -> None:
-    """On a chart 20 um high, a u of 0.4 um at the middle spans 1.6 um from edge to edge."""
+    """On a chart 20 µm high, a u of 0.4 µm at the middle spans 1.6 µm from edge to edge."""
     report = build_report(made_up_result(amplitude_um=8.0, u_um=0.4), source="r")
     drawing = next(one.drawing for one in report.figures if one.name == "EYX")
     band = re.search(r'<path d="M([^Z"]+)Z" class="band', drawing)
@@ -311,7 +314,7 @@ def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -
         assert figures[name][0].E_up == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
     html = build_report(result, source="r", readings=readings).html
     for name in ("ppp", "npp", "pnp", "ppn"):
-        assert f"{figures[name][0].E_up:.2f} ± {figures[name][0].U['E_up']:.2f}" in html
+        assert with_expanded(figures[name][0].E_up, figures[name][0].U["E_up"]) in html
     assert "on step diagonals (axes one after the other)" in html
 
 

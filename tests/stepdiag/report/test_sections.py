@@ -30,7 +30,7 @@ def test_lengths_stand_both_ways_and_those_in_the_tables_are_marked(language):
     words = {**catalogue("common", language), **catalogue("report", language)}
     extra = {"lengths": {"tables": "at_20_c", "material_c": [23.5] * 3, "at_20_c": SCALES, "as_measured": WARM}}
     table = lengths_table(replace(made_up_result(), **members(**extra)), words)
-    assert table.rows[0] == ("X", "41.95 ± 1.00", "1.00 ± 1.00")
+    assert table.rows[0] == ("X", "42.0 ± 1.0", "1.0 ± 1.0")
     marked = [words["in_tables"] in heading for heading in table.header]
     assert marked == [False, False, True]
     assert lengths_table(made_up_result(), words) is None
@@ -40,7 +40,7 @@ def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once()
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     standards = standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]})
     row, _ = positioning_table(standards, words).rows
-    assert row == ("linear-x", "ISO 230-2:2014", "5", "7.00 ± 1.00", "3.00 ± 0.50")
+    assert row == ("linear-x", "ISO 230-2:2014", "5", "7.0 ± 1.0", "3.00 ± 0.50")
     assert positioning_lengths(standards, words) == "lengths as measured"
     assert positioning_lengths(standards_of({"linear-x": [VDI]}), words) == positioning_lengths({}, words) == ""
 

@@ -44,27 +44,27 @@ def test_a_command_without_files_too(name: str, tmp_path: Path) -> None:
     assert said.decode("utf-8")
 
 
-def on_ascii(door: Door, folder: Path) -> tuple[int, bytes]:
+def on_ascii(door: Door, folder: Path, encoding: str = "ascii") -> tuple[int, bytes]:
     """Run a command in a copy of this process whose output takes ASCII alone; return its exit code and all that was said."""
     door.place(folder)
     child = os.fork()
     if child == 0:
         code = 70
         try:
-            code = _entered(door, folder)
+            code = _entered(door, folder, encoding)
         finally:
             os._exit(code)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     return code, (folder / "said").read_bytes()
 
 
-def _entered(door: Door, folder: Path) -> int:
+def _entered(door: Door, folder: Path, encoding: str) -> int:
     """Go in where the program begins, with the streams that Python makes for LC_ALL=C: refusals may always be written."""
-    said = os.open(folder / "said", os.O_WRONLY | os.O_CREAT)
+    said = os.open(folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(said, 1)
     os.dup2(said, 2)
-    sys.stdout = open(1, "w", encoding="ascii", errors="strict", closefd=False)  # noqa: SIM115 - a descriptor, for ever
-    sys.stderr = open(2, "w", encoding="ascii", errors="backslashreplace", closefd=False)  # noqa: SIM115
+    sys.stdout = open(1, "w", encoding=encoding, errors="strict", closefd=False)  # noqa: SIM115 - a descriptor, for ever
+    sys.stderr = open(2, "w", encoding=encoding, errors="backslashreplace", closefd=False)  # noqa: SIM115
     sys.argv = ["stepdiag", *door.command]
     os.chdir(folder)
     try:
@@ -78,3 +78,13 @@ def _entered(door: Door, folder: Path) -> int:
         sys.stdout.flush()
         sys.stderr.flush()
     return 0
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "iso8859-2", "koi8-r"])
+def test_a_terminal_without_the_micrometre_sign_shows_um(encoding: str, tmp_path: Path) -> None:
+    door = Door(("fourdof", "calibrate", "--help"), {}, "", lambda text, _: text)
+    code, shown = on_ascii(door, tmp_path, encoding)
+    assert code == 0, shown
+    assert b"in um or arc-seconds" in b" ".join(shown.split())
+    _, shown = on_ascii(door, tmp_path, "utf-8")
+    assert "in µm or arc-seconds" in " ".join(shown.decode().split())

@@ -48,7 +48,8 @@ def test_who_reads_no_further_is_no_error(tmp_path: Path) -> None:
 
 def test_nothing_cut_is_left_where_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A survey file is there whole or not at all."""
-    from stepdiag.base import files, part
+    from stepdiag.base import files
+    from stepdiag.base.disk import part
     from stepdiag.base.errors import UsageError
 
     def full(_descriptor: int) -> None:

@@ -142,7 +142,7 @@ def test_the_budget_is_german() -> None:
 
 def test_an_old_text_stands_as_it_is() -> None:
     """Of a log or result that holds no message."""
-    old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: count slip of +1.9 um")
+    old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: count slip of +1.9 µm")
     assert in_words(old, "de") == old.text
     assert kept(old.text) == ""
 

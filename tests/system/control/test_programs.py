@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.setups import setup_code
 from stepdiag.base.volume import Volume
-from stepdiag.exporters.programs import Sequence, nc_programs, passes_of, setup_number
+from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
 from testkit.linuxcnc.rig import Control, State, linuxcnc
 from testkit.linuxcnc.standing import stands
 
@@ -35,7 +36,7 @@ class TestPrograms:
             driven = stands(control, program.data)
             wanted = [stop for each in passes_of(sequence, program.setup) for stop in each.stops]
             assert [state.count for state in driven] == [stop.count for stop in wanted]
-            assert {state.setup for state in driven} == {setup_number(program.setup)}
+            assert {state.setup for state in driven} == {setup_code(program.setup, SWIFT.setups)}
             assert all(state.in_position for state in driven)
             positions = [stop.position_mm for stop in wanted]
             np.testing.assert_allclose([state.commanded_mm for state in driven], positions, rtol=0, atol=1e-6)
@@ -60,3 +61,23 @@ class TestPrograms:
             control.on_state = answer
             control.run(program)
         assert answered == [1, 2]
+
+    def test_the_head_is_commissioned_at_the_places_of_the_program(self, control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The control stands at five places of each other axis at both ends without a word to the PLC, and at the run's stops with one."""
+        for name, seconds in (("JOG_S", 0.4), ("WOBBLE_S", 0.6), ("DARK_S", 0.4)):
+            monkeypatch.setattr(f"stepdiag.exporters.programs.jogs.{name}", seconds)
+        sequence = replace(SWIFT, setups=("fourdof-x",), return_pass=False, commission=True)
+        (program,) = nc_programs(sequence, "linuxcnc")
+        stood: dict[tuple[float, ...], list[int]] = {}
+
+        def watch(state: State) -> None:
+            if state.in_position and not state.stopped and state.setup == 21:
+                stood.setdefault(tuple(np.round(state.commanded_mm, 4)), []).append(state.time_ns)
+
+        control.on_state = watch
+        control.run(program.data)
+        places = {place for place, times in stood.items() if times[-1] - times[0] > 250_000_000}
+        for x in (-200.0, 200.0):
+            wanted = {(x, -100.0 + beside, -150.0) for beside in (-0.3, -0.15, 0.0, 0.15, 0.3)}
+            wanted |= {(x, -100.0, -150.0 + beside) for beside in (-0.3, -0.15, 0.15, 0.3)}
+            assert {tuple(np.round(place, 4)) for place in wanted} <= places

@@ -1,5 +1,6 @@
 """A real control applies COMP_FILEs as the exporter's law says: signs, rows, ends, and the BACKLASH that they switch off."""
 
+import subprocess
 from dataclasses import replace
 
 import msgspec
@@ -7,8 +8,10 @@ import numpy as np
 import pytest
 
 from stepdiag.base.volume import Volume
+from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
+from stepdiag.exporters.safety.read_back import compare
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import total_correction_um
 from testkit.exact.machines import profile_of
@@ -48,6 +51,34 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
         ]
         moved_um = (np.array(state.motor_mm) - np.array(state.commanded_mm)) * 1000.0
         np.testing.assert_allclose(moved_um, law, rtol=0, atol=1e-3)
+
+
+def test_what_the_control_holds_is_read_back_number_by_number() -> None:
+    """Loaded, read out of the running control while it drives, compared; and the files of another survey, loaded instead, show."""
+    profile = profile_of("linuxcnc", VOLUME, sections=2, direction="both")
+    controller = LinuxCnc()
+    sets = []
+    for errors in ({"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.0, 8.0]}, {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.2, 8.0]}):
+        result = made_result(errors, reversal={"EXX": [6.0] * 3}, volume=VOLUME)
+        plan = controller.plan(curves_of(result, ["EXX", "EYY"]), profile)
+        sets.append((plan.tables, [file for file in controller.render(plan.tables, profile) if file.role == "data"]))
+    (tables, written), (_, another) = sets
+    program, reader = controller.read_back(tables, profile)
+    with linuxcnc({file.name[-6].upper(): file.data for file in written}) as control:
+        (control.folder / reader.name).write_bytes(reader.data)
+        pairs = [word for joint, letter in enumerate("XY") for word in (str(joint), f"{letter}.comp")]
+        words = ["/usr/bin/python3", reader.name, *pairs]
+        reading = subprocess.Popen(words, cwd=control.folder, env={"PATH": "/usr/bin:/bin"}, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+        control.run(program.data)
+        said, missed = reading.communicate(timeout=120.0)
+        assert reading.returncode == 0, missed.decode()
+        assert said.decode().split() == ["held_X.comp", "held_Y.comp"]
+        held = [ControlFile(name=f"held_{letter}.comp", data=(control.folder / f"held_{letter}.comp").read_bytes()) for letter in "XY"]
+    same = compare(controller, written, held, profile)
+    assert [found.text for found in same.findings] == []
+    assert same.numbers == 3 * 3
+    (found,) = compare(controller, another, held, profile).findings
+    assert (found.key, found.message.arguments["label"].arguments["function"]) == ("read-back-differs", "EYY")
 
 
 def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:

@@ -34,7 +34,7 @@ def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
         nothing_silently_wrong(place)
     rows = list(csv.DictReader((place.round / "readings.csv").read_text().splitlines()))
     assert {row["y_mm"] for row in rows} == {"0", "66.7", "133.3", "200"}
-    assert "+33.3 um" in findings_of(said, "position-differs")[0]
+    assert "+33.3 µm" in findings_of(said, "position-differs")[0]
 
 
 @pytest.mark.impatient
@@ -214,7 +214,7 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert "stop 2 of 6: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
+    assert "stop 2 of 6: measured again it reads +55.0 µm otherwise" in findings_of(said, "reading-differs")[0]
 
 
 @pytest.mark.impatient
@@ -228,11 +228,11 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
             said = until(process, "survey-open")
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
-    assert "stop 2 of 3: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
+    assert "stop 2 of 3: measured again it reads +55.0 µm otherwise" in findings_of(said, "reading-differs")[0]
     # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or after it
     (doubt,) = book.doubts()
     assert (doubt.code, doubt.stop in (2, 3)) == ("reading-differs", True)
-    assert "stop 2 read +55.0 um otherwise" in told
+    assert "stop 2 read +55.0 µm otherwise" in told
     assert f"drive again from stop {doubt.stop - 2} on" in told
 
 
@@ -265,7 +265,7 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
         reason = until(process, "survey-open")[-1]["reason"]
     doubted = {each["place"] for each in json.loads(stepdiag("status", place.survey, "--json").out)["doubts"]}
     assert doubted == {f"{setup}/{number}" for setup, number in re.findall(r"setup (\S+), pass (\d), stop", reason)} != set()
-    (size,) = set(re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) um before it\)", reason))
+    (size,) = set(re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) µm before it\)", reason))
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
 

@@ -299,7 +299,7 @@ async def journal(row, port, folder, said):
         await asyncio.wait({running}, timeout=0.1)
         assert not running.done()
     idle = daemon._working.session._idle.get(name)
-    readings = 0 if idle is None else len(idle.span(0, math.inf).position_mm) + len(idle.told)
+    readings = 0 if idle is None else len(idle.span(0, math.inf).position_mm) + len(idle.conditions)
     daemon.stop()
     await running
     return heard(), readings
@@ -316,7 +316,9 @@ async def both(row, folder, turn, said):
     wrong = [f"check: {told}"] if not (row.words in told and row.seen in told) else []
     wrong += [f"journal: {noted}"] if not (row.words in noted and row.seen in noted) else []
     wrong += [f"journal: {readings} readings"] if readings else []
-    return wrong + ([f"{stream.samples} samples, {stream.refused} refused"] if stream.samples != stream.refused or stream.told else [])
+    return wrong + (
+        [f"{stream.samples} samples, {stream.refused} refused"] if stream.samples != stream.refused or stream.conditions else []
+    )
 
 
 async def all_of(rows, folder):

@@ -65,7 +65,7 @@ def check(tmp_path):
         done = stepdiag("check", survey, "--seconds", seconds, "--json")
         assert done.refusal == ""
         said = json.loads(done.out)
-        return done.code, {each["code"]: each for each in said["findings"]}, said
+        return done.code, {name: each for each in said["findings"] for name in (each["code"], each.get("key", each["code"]))}, said
 
     return run
 
@@ -77,7 +77,7 @@ def test_a_bench_that_is_well(bench_of, check):
     assert said["machine"]["signals"]["air_pressure_hpa"] == pytest.approx(1013.2)
     assert said["machine"]["changes"]["heartbeat"] >= 3
     assert said["laser"]["samples_per_s"] == pytest.approx(1000, rel=0.3), "a busy computer is late with some"
-    assert "sign-untold" in findings, "standing, nobody can know the sign"
+    assert "wrong-laser-sign" in findings, "standing, nobody can know the sign"
 
 
 def test_a_person_sees_one_table_and_the_words(bench_of, tmp_path):
@@ -89,7 +89,7 @@ def test_a_person_sees_one_table_and_the_words(bench_of, tmp_path):
     assert done.returncode == 0
     assert done.stdout.count("relative_humidity_percent") == 1
     assert "holding 2 bit 0" in done.stdout
-    assert "note    sign-untold" in done.stdout
+    assert "note    wrong-laser-sign" in done.stdout
 
 
 def test_ports_that_are_absent(bench_of, check):
@@ -130,8 +130,8 @@ def test_a_register_map_that_does_not_fit(bench_of, check):
     more = "\n".join(f"[plc.signals.{name}]\n{place}" for name, place in MAP.items())
     code, findings, _ = check(bench_of(), more=more)
     assert code == 0, "stopped is served: a survey could be recorded"
-    assert "alarm at holding 4000 bit 0 is not served" in findings["signal-refused"]["text"]
-    assert "air_pressure_hpa reads" in findings["signal-implausible"]["text"]
+    assert "alarm at holding 4000 bit 0 is not served" in findings["signals-absent.refused"]["text"]
+    assert "air_pressure_hpa reads" in findings["signals-absent.implausible"]["text"]
 
 
 MAP = {

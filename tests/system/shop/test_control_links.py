@@ -155,7 +155,7 @@ def looked_at(name, port, changed=lambda text: text, *, host="127.0.0.1"):
             seen.seconds = math.inf
 
     asyncio.run(watch(seen, 60.0, until_something_is_said))
-    return seen, {each.code: each for each in diagnose(seen)}
+    return seen, {name: each for each in diagnose(seen) for name in (each.code, each.key)}
 
 
 @pytest.mark.parametrize(("name", "other"), OTHERS, ids=lambda each: getattr(each, "__name__", each))
@@ -236,9 +236,9 @@ def test_a_data_block_that_is_not_there_is_named_and_the_others_are_read():
     """Without the axes nobody knows whether the machine stands: that is an error, not a machine that never stands."""
     with s7_control() as control:
         seen, found = looked_at("siemens-828d", control.port, lambda text: text.replace('"db3902"', '"db3912"'))
-    assert found["signal-refused"].severity == "error"
-    assert "fine_z at db3912 0 bit 7" in found["signal-refused"].text
-    assert "object does not exist" in found["signal-refused"].text
+    assert found["signals-absent.refused"].severity == "error"
+    assert "fine_z at db3912 0 bit 7" in found["signals-absent.refused"].text
+    assert "object does not exist" in found["signals-absent.refused"].text
     assert seen.machine.signals.setup == 0
 
 

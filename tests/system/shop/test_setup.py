@@ -125,13 +125,13 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         person.answers("as it is to stand in the report", "virtual")
         person.answers("Edges of the volume", "large")
         person.answers("expected three numbers", "300 200 100")
+        person.answers("Class of the machine", "good")
+        person.answers("Position feedback", "screw")
+        person.answers("Pitch of the screws", "20")
         person.answers("low corner", "")
         person.answers("Increments per axis", "2")
         person.answers("Chain from workpiece", "")
         person.answers("compensation while measuring", "off")
-        person.answers("Class of the machine", "good")
-        person.answers("Position feedback", "screw")
-        person.answers("Pitch of the screws", "20")
         assert person.leaves() == 0, person.seen
         assert "it is umd" in person.seen
         assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
@@ -209,12 +209,12 @@ ANSWERS = {
     "Name or address of the control": "none",
     "as it is to stand in the report": "mill",
     "Edges of the volume": "300 200 100",
+    "Class of the machine": "poor",
+    "Position feedback": "scale",
     "low corner": "0 0 0",
     "Increments per axis": "2",
     "Chain from workpiece": "FXYZ",
     "compensation while measuring": "off",
-    "Class of the machine": "poor",
-    "Position feedback": "scale",
 }
 
 

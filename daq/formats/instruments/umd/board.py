@@ -10,7 +10,7 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
 SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
-"""Of no documented scale: told on, not used."""
+"""Of no documented scale: passed on, not used."""
 ENVIRONMENT_CODES = {
     3: ("temperature_1_c", 0.01),
     4: ("temperature_2_c", 0.01),
@@ -32,7 +32,7 @@ SPLIT_VERSION_FIRMWARE = range(264, 300)
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Remark:
     """A remark that a code gives rise to; fields as in `daq.timing.samples.Notice`."""
 
     code: Literal["rate", "device", "environment"]
@@ -49,7 +49,7 @@ class Board:
         self._homodyne: bool | None = None
         self._counts_per_cycle = 1
         self._phase_bits = phase_bits
-        self._told: dict[int, int] = {}
+        self._codes: dict[int, int] = {}
         self.reading = self._read()
         """How lines are to be read from now on; another object after each change."""
 
@@ -60,21 +60,21 @@ class Board:
 
     def knows(self, code: int, data: int) -> bool:
         """Tell whether a code says nothing new."""
-        return self._told.get(code) == data
+        return self._codes.get(code) == data
 
-    def hear(self, code: int, data: int) -> Told | None:
-        """Take a low-speed code. Returns the remark it deserves; what was told before is remarked only when it changes."""
+    def hear(self, code: int, data: int) -> Remark | None:
+        """Take a low-speed code. Returns the remark it deserves; a code that was sent before is remarked only when it changes."""
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]
-            return Told("environment", value=data * scale, name=name)
-        if self._told.get(code) == data:
+            return Remark("environment", value=data * scale, name=name)
+        if self._codes.get(code) == data:
             return None
-        self._told[code] = data
-        told = self._learn(code, data)
+        self._codes[code] = data
+        remark = self._learn(code, data)
         self.reading = self._read()
-        return told
+        return remark
 
-    def _learn(self, code: int, data: int) -> Told | None:
+    def _learn(self, code: int, data: int) -> Remark | None:
         if code == RATE_CODE:
             return self._hear_rate(data)
         if code == HOMODYNE_CODE:
@@ -82,25 +82,25 @@ class Board:
         if code == FIRMWARE_CODE:
             return self._hear_firmware(data)
         if code in SIGNAL_CODES:
-            return Told("device", SIGNAL_CODES[code], float(data))
+            return Remark("device", SIGNAL_CODES[code], float(data))
         return None
 
-    def _hear_rate(self, data: int) -> Told:
+    def _hear_rate(self, data: int) -> Remark:
         if data <= 0:
-            return Told("device", message("rate-not-used", rate=str(data / 100)))
+            return Remark("device", message("rate-not-used", rate=str(data / 100)))
         self.rate_hz = data / 100
-        return Told("rate", value=self.rate_hz)
+        return Remark("rate", value=self.rate_hz)
 
-    def _hear_homodyne(self, data: int) -> Told:
+    def _hear_homodyne(self, data: int) -> Remark:
         axes, counts = data & 0xFF, (data >> 8) & 0xFF
         self._homodyne = axes > 0
         self._counts_per_cycle = max(counts, 1) if self._homodyne else 1
-        return Told("device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes))
+        return Remark("device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes))
 
-    def _hear_firmware(self, data: int) -> Told:
+    def _hear_firmware(self, data: int) -> Remark:
         version = data & 0xFFFF
         wrong = self._phase_bits is None and version == WRONG_PHASE_FIRMWARE
-        return Told("device", message("firmware-phase", number=version) if wrong else message("firmware", number=version), float(version))
+        return Remark("device", message("firmware-phase", number=version) if wrong else message("firmware", number=version), float(version))
 
     def _read(self) -> Reading:
         return Reading(
@@ -113,12 +113,12 @@ class Board:
     def _phase_use(self) -> PhaseUse:
         if self._phase_bits is not None:
             return "8-bit" if self._phase_bits == 8 else "16-bit"
-        firmware = self._told.get(FIRMWARE_CODE)
+        firmware = self._codes.get(FIRMWARE_CODE)
         if firmware is None:
             return "unknown"
         if firmware < 0x10000 and firmware not in SPLIT_VERSION_FIRMWARE:
             return "ignored" if firmware == WRONG_PHASE_FIRMWARE else "8-bit"
-        flags = self._told.get(FIRMWARE_FLAGS_CODE)
+        flags = self._codes.get(FIRMWARE_FLAGS_CODE)
         if flags is None:
             return "unknown"
         return "8-bit" if flags & EIGHT_BIT_PHASE_FLAG else "16-bit"

@@ -29,7 +29,7 @@ class UmdSettings:
     ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1 single pass: retroreflector,
     or flat mirror seen by a single-aperture head; 2 plane mirror interferometer, 4 high resolution); positions are of the vacuum
     wavelength: the air index is applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
-    ``phase_bits`` overrides what the firmware tells of the width of its phase field (None: as told; until told a non-zero phase is
+    ``phase_bits`` overrides what the firmware sends of the width of its phase field (None: as sent; until then a non-zero phase is
     flagged).
     """
 
@@ -42,7 +42,7 @@ class UmdSettings:
 
     def __post_init__(self) -> None:
         require(self.axis in (1, 2, 3), "laser.umd.axis", "1, 2 or 3", self.axis)
-        require(self.phase_bits in (None, 8, 16), "laser.umd.phase_bits", "8, 16 or nothing", self.phase_bits)
+        require(self.phase_bits in (None, 8, 16), "laser.umd.phase_bits", message("phase-bits"), self.phase_bits)
         require_interferometer(self.wavelength_nm, self.optics)
         require_sign(self.sign)
 
@@ -59,7 +59,7 @@ class UmdDecoder:
 
     The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE, not to be used, which is no loss of
     count as DEVICE_ERROR would be. A line without the configured axis
-    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has said whether it is homodyne, its scale is unknown: NaN, flagged
+    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its scale is unknown: NaN, flagged
     HEAD_ERROR.
     """
 
@@ -74,7 +74,7 @@ class UmdDecoder:
         self._greeted = False
         self._remarked: set[Message] = set()
         self.nominal_rate_hz: float | None = None
-        """As last told by code 8."""
+        """As last sent by code 8."""
         self.gaps_visible = False
         """Until the rate shows a board that counts the samples it could not send."""
         self.latency_s = settings.latency_s
@@ -118,8 +118,8 @@ class UmdDecoder:
     def _news(self, rows: Rows) -> list[int]:
         """Return the rows with a code; none where no code says anything new: a board repeats a few of them all the time."""
         coded = np.flatnonzero(rows[:, _CODE])
-        told = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
-        return [] if all(self._board.knows(code, data) for code, data in told) else coded.tolist()
+        codes = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
+        return [] if all(self._board.knows(code, data) for code, data in codes) else coded.tolist()
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
         """Take the line whose beginning was not seen; return the rest of the block."""
@@ -147,9 +147,9 @@ class UmdDecoder:
         first, base = 0, batch.count
         reading = self._board.reading
         for row in self._news(rows):
-            told = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
-            if told is not None:
-                batch.note(told.code, told.why, value=told.value, name=told.name, index=base + row)
+            remark = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
+            if remark is not None:
+                batch.note(remark.code, remark.why, value=remark.value, name=remark.name, index=base + row)
             if self._board.reading is not reading:
                 self._read(rows[first:row], counter[first:row], reading, batch)
                 first, reading = row, self._board.reading

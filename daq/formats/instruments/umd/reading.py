@@ -26,7 +26,7 @@ Column = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How lines are read: ``rate_hz`` turns counts a sample into frequencies; ``homodyne`` is None until the board has told."""
+    """How lines are read: ``rate_hz`` turns counts a sample into frequencies; ``homodyne`` is None until the board has sent it."""
 
     rate_hz: float | None
     homodyne: bool | None

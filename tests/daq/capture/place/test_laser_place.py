@@ -98,7 +98,7 @@ def test_a_return_pass_left_in_the_middle_and_the_whole_program_again(signals):
 
 @pytest.mark.parametrize("signals", [STOPPED_ONLY, SETUP_TOLD], ids=["stopped", "stopped, setup"])
 def test_a_quick_turn_is_another_standstill(signals):
-    """Over the end and back in a third of a second: the return pass begins with what it reads there, 4 um of backlash away."""
+    """Over the end and back in a third of a second: the return pass begins with what it reads there, 4 µm of backlash away."""
     out, back = diagonal("ppp"), [replace(stop, reading=stop.reading - 0.004) for stop in diagonal("ppp", back=True)]
     beyond = replace(out[-1], reading=out[-1].reading + 2.0, seconds=0.03, shown=False, counts=0)
     book, codes = drive([*out, beyond, *back], signals=signals, back=True, move_s=0.1)

@@ -1,4 +1,4 @@
-"""Positions as ordinary machines give them: encoders that scatter, registers in 1 um steps, programs of few decimals, G91.
+"""Positions as ordinary machines give them: encoders that scatter, registers in 1 µm steps, programs of few decimals, G91.
 
 A clean survey of any of them is complete, without a warning and without a doubt, and the readings carry where the machine stood.
 """
@@ -99,7 +99,7 @@ def test_programs_of_few_decimals(decimals):
 
 
 def test_g91_adds_its_rounding_up():
-    """In 27 steps of 33.3411, 22.2278 and 11.1211 mm, written with two decimals: 10 to 20 um at the end, 0.2 mm with forty increments."""
+    """In 27 steps of 33.3411, 22.2278 and 11.1211 mm, written with two decimals: 10 to 20 µm at the end, 0.2 mm with forty increments."""
     places = incremental(PLAN, 2)
     assert np.max(np.abs(places - PLAN)) > 0.019
     stops = standing_at(OUT, places)

@@ -38,7 +38,7 @@ def run(stops, text):
 
 
 def test_the_readings_carry_the_position_that_the_machine_gave():
-    """Y and Z thirds of 200 and 100 mm, written with one decimal: 33.3 um beside the plan, and said once with stop and size."""
+    """Y and Z thirds of 200 and 100 mm, written with one decimal: 33.3 µm beside the plan, and said once with stop and size."""
     survey, book, findings = run(rounded(diagonal("ppp"), 1), survey_text())
     (only,) = book.passes
     readings = tabulate(survey, [only])
@@ -46,7 +46,7 @@ def test_the_readings_carry_the_position_that_the_machine_gave():
     assert readings.position_mm[6].tolist() == pytest.approx([200.0, 133.3, 66.7], abs=1e-9)
     differing = [each for each in findings if each.code == "position-differs"]
     assert [(each.stop, each.severity) for each in differing] == [(2, "info")]
-    assert "Y 66.7000 mm, the plan has 66.6667 mm (+33.3 um)" in differing[0].text
+    assert "Y 66.7000 mm, the plan has 66.6667 mm (+33.3 µm)" in differing[0].text
     assert not only.doubts(), "a position that is known is no doubt"
 
 

@@ -19,7 +19,9 @@ def test_each_cause_is_a_finding_once_a_log_however_often_it_is_told():
     remarks = StreamRemarks({})
     for lost in ([CAUSES[0]], [message(CAUSES[0].key, count=9)], CAUSES[:2]):
         remarks.lost("laser", lost, said)
-    assert [(each.code, each.text) for each in said] == [("bytes-lost", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]]
+    assert [(each.key, each.text) for each in said] == [
+        ("samples-missing.bytes", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]
+    ]
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.key)
@@ -41,6 +43,6 @@ def test_a_loss_in_a_survey_stands_in_its_log_and_hinders_nothing(tmp_path):
     at = len(events) // 2
     lost = LinkEvent(time_of(events[at]), "laser", "connected", "/dev/ttyS0", (CAUSES[1],))
     session, found = recorded(tmp_path, survey_file(setups=("ppp",)), [*events[:at], lost, *events[at:]])
-    assert [each.text for each in found if each.code == "bytes-lost"] == [f"laser: bytes were lost: {CAUSES[1]}"]
+    assert [each.text for each in found if each.key == "samples-missing.bytes"] == [f"laser: bytes were lost: {CAUSES[1]}"]
     assert session.book.complete()
-    assert [each.code for each in dict.fromkeys(found)].count("bytes-lost") == 1
+    assert [each.key for each in dict.fromkeys(found)].count("samples-missing.bytes") == 1

@@ -51,7 +51,7 @@ def test_a_few_wrong_lines_are_no_doubt_and_many_are():
 
 
 def test_a_frozen_value_is_named_where_the_instrument_never_rests():
-    """A display of 0.1 um may well stand still; an interferometer that resolves nanometres never does."""
+    """A display of 0.1 µm may well stand still; an interferometer that resolves nanometres never does."""
     frozen = np.full(300, 12.5)
     assert doubts(frozen, resolution_um=0.0012) == ["laser-frozen"]
     assert doubts(frozen, resolution_um=0.1) == []
@@ -59,7 +59,7 @@ def test_a_frozen_value_is_named_where_the_instrument_never_rests():
 
 
 def test_equal_samples_are_as_sure_as_the_instruments_resolution():
-    """0.1 um / sqrt(12), the standard uncertainty of a rectangular distribution (GUM 4.3.7)."""
+    """0.1 µm / sqrt(12), the standard uncertainty of a rectangular distribution (GUM 4.3.7)."""
     still = summarise(np.arange(40) / 40, np.full(40, 12.5), 0.1)
     assert still.u_um == pytest.approx(0.0289, abs=1e-4)
 

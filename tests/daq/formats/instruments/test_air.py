@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.instruments.air import PTU300, TOLD, AirDecoder, AirSettings, AskedAirDecoder
+from stepdiag.daq.formats.instruments.air import MEASURED, PTU300, AirDecoder, AirSettings, AskedAirDecoder
 from stepdiag.daq.timing.samples import Flag
 
 ASKED = AirSettings(pattern=PTU300, request="SEND\r")
@@ -94,7 +94,7 @@ def test_a_pattern_that_tells_nothing_of_air_is_refused(pattern):
 
 def test_the_channels_are_in_the_order_of_the_names():
     batch = AskedAirDecoder(ASKED).feed(MANUAL, 1)
-    assert dict(zip(TOLD, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"] == 1033.7
+    assert dict(zip(MEASURED, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"] == 1033.7
 
 
 def test_a_sensor_is_asked_as_often_as_the_survey_template_says():

@@ -153,9 +153,9 @@ class Sequence:
         """Enter the backlash as the export offers it, mostly; a number that a table keeps the control from looking at is left."""
         entered = []
         for text in offers:
-            axis, more = "XYZ".index(text[1]), float(text.split("; backlash ")[1].split(" um")[0])
+            axis, more = "XYZ".index(text[1]), float(text.split("; backlash ")[1].split(" µm")[0])
             if "both" not in text.split("(k = 2): ")[1] and self.hand.random() < 0.8:
-                goes = re.search(r"from (\S+) um to (\S+) um$", text)
+                goes = re.search(r"from (\S+) µm to (\S+) µm$", text)
                 self.plant.backlash_um[axis] = float(goes[2]) if goes else self.plant.backlash_um[axis] + more
                 entered.append(f"{text[1]} {self.plant.backlash_um[axis]:.2f}")
         return ", ".join(entered)
@@ -258,7 +258,7 @@ class Sequence:
         if self.maker == "heidenhain":
             return f'[heidenhain]\ngeneration = "itnc530"\n{chain}'
         if self.maker == "beckhoff" and rng.random() < 0.7:
-            return f'[beckhoff]\nway = "volumetric"\ncross_sense = "as-error"\naxis_numbers = {{X=1,Y=2,Z=3}}\n{chain}'
+            return f'[beckhoff]\nway = "volumetric"\ncross_sense = "as-error"\naxis_numbers = {{X=1,Y=2,Z=3}}\nturned = false\n{chain}'
         if self.maker == "beckhoff":
             return '[beckhoff]\nway = "lists"\ncross_sense = "as-error"\naxis_numbers = {X=1,Y=2,Z=3}\n'
         if self.maker == "linuxcnc":

@@ -157,7 +157,7 @@ class BeckhoffPlant(Plant):
 
 
 def _of_list(text: str) -> Iterator[AxisTable]:
-    """Yield ssfk and crosscomp of an axis list, both as error, in 0.1 um at 0.1 um."""
+    """Yield ssfk and crosscomp of an axis list, both as error, in 0.1 µm at 0.1 um."""
     values = {cells[0]: cells[1] for line in text.splitlines() if len(cells := line.split()) == 2}
     axis = int(values["kopf.achs_nr"]) - 1
     for group, count, into, columns in (
@@ -217,7 +217,7 @@ class LinuxCncPlant(Plant):
 
 
 class MitsubishiPlant(Plant):
-    """Parameters by number; data as increments of 0.5 um times the scale, added in +: above the reference n holds the section below it."""
+    """Parameters by number; data as increments of 0.5 µm times the scale, added in +: above the reference n holds the section below it."""
 
     def __init__(self, chain: str, reference_mm: tuple[float, float, float]) -> None:
         super().__init__(chain, reference_mm)

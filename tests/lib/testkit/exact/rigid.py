@@ -27,7 +27,7 @@ class RandomMachine:
 
     @classmethod
     def draw(cls, rng, size_mm, *, angle_urad=10.0):
-        """Draw a machine: waves of 5 um, squareness of 20 urad, scales of 15 um/m, angles as in the solver's prior."""
+        """Draw a machine: waves of 5 µm, squareness of 20 urad, scales of 15 µm/m, angles as in the solver's prior."""
         slopes = np.diag(rng.normal(0, 15, 3))
         slopes[1, 0], slopes[2, 0], slopes[2, 1] = rng.normal(0, 20, 3)
         return cls(

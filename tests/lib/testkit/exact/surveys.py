@@ -69,7 +69,7 @@ class Bench:
 
     @property
     def machine(self) -> Machine:
-        """Return the machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness 20 urad, all ``errors_times``."""
+        """Return the machine: straightness and positioning up to 9 µm, scales up to 20 µm/m, squareness 20 urad, all ``errors_times``."""
         wanted = Amplitudes(
             positioning_um=9.0 * self.errors_times,
             straightness_um=9.0 * self.errors_times,

@@ -16,14 +16,14 @@ from testkit.exact.machines import MACHINES, profile_text
 from testkit.exact.results import VOLUME
 from testkit.hostile.door import LOG, Door
 from testkit.hostile.doors_shop import shop_doors
-from testkit.hostile.foreign import ANGLES, CURVES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
+from testkit.hostile.foreign import ANGLES, CURVES, FAR_SAMPLES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
 from testkit.hostile.foreign_logs import SURVEY, contents, recorded
 from testkit.hostile.foreign_tables import RESULT as TABLED
 from testkit.hostile.foreign_tables import Everything
 from testkit.hostile.one_field import wrong_csv, wrong_json, wrong_toml, wrong_words
 
 RESULT = targets()["result"].seed.decode()
-RUN = "position_mm,off_um,on_um\n-200,0,0\n-100,0,-5\n0,1,-9\n100,1,-5\n200,0,0\n"
+RUN = "position_mm,off_um,on_um\n-200,0,0\n-150,5,4\n-100,11,6\n-50,9,1\n0,7,-3\n50,5,-3\n100,3,-2\n150,4,3\n200,5,5\n"
 CHAIN = "FXYZ"
 ENVIRONMENT = (
     "[environment]\nmaterial_temperature_c = 20.0\nair_temperature_c = 20.0\nair_pressure_hpa = 1013.25\nrelative_humidity_percent = 50.0\n"
@@ -122,7 +122,7 @@ def _logs() -> Iterator[tuple[str, Door]]:
 
 
 def _head() -> Iterator[tuple[str, Door]]:
-    samples, head = {"near.csv": HEAD_SAMPLES.decode(), "far.csv": HEAD_SAMPLES.decode()}, {"head.toml": HEAD}
+    samples, head = {"near.csv": HEAD_SAMPLES.decode(), "far.csv": FAR_SAMPLES.decode()}, {"head.toml": HEAD}
     calibration = ("--calibration", "head.toml")
     signs = ("fourdof", "signs", "--at", "300=near.csv", "--at", "900=far.csv", *calibration, "--out", "signed.toml")
     yield "fourdof align", Door(("fourdof", "align", "near.csv"), samples, "near.csv", wrong_csv)
@@ -160,7 +160,9 @@ def _signtest(name: str) -> Iterator[tuple[str, Door]]:
 
 def _linear_run(bump_um: float) -> str:
     """Return readings of a run along X over a bump."""
-    rows = [f"linear-x,1,{stop},{at},0,0,{at + 200 - 1e-3 * bump_um * (abs(at) <= 100)}" for stop, at in enumerate(range(-200, 201, 50))]
+    own = (0.0, 5.5, 11.0, 9.0, 7.0, 5.0, 3.0, 4.0, 5.0)
+    moved = [um - bump_um * (abs(at) <= 100) for at, um in zip(range(-200, 201, 50), own, strict=True)]
+    rows = [f"linear-x,1,{stop},{50 * stop - 200},0,0,{50 * stop + 1e-3 * um:.4f}" for stop, um in enumerate(moved)]
     return "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n" + "".join(f"{row}\n" for row in rows)
 
 

@@ -95,9 +95,18 @@ MESSAGE = b'{"time":{"sec":1,"nsec":2},"t_mono_ns":"5","order":0,"skip":[0],"run
 ANGLES = b"axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,2,,0.1\nx,300,2,3,4,0.1\n"
 CURVES = b"position_mm,EYX_um,EBX_arcsec,ECX_urad\n0,0,0,0\n100,1.5,2,3\n200,-1,0.5,\n300,0,0,1\n"
 STAGE = b"reading,reference_um\n" + b"".join(b"%.2f,%d\n" % (0.1 * step, 65 * step) for step in range(-6, 7))
-HEAD_SAMPLES = b"time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n" + b"".join(
-    b"%.1f,%d,%d,1000000,%d,%d,1000000,%d,%d,1000000\n" % (0.5 * n, 300 * n, -200 * n, 50 * n, 70 * n, -50 * n, -70 * n) for n in range(8)
-)
+
+
+def wobble(qd_x: float, qd_y: float) -> bytes:
+    """Samples of a head that stands while the laser's pointing wobbles; the QD's spot moves in proportion to its distance."""
+    rows = (
+        f"{0.5 * n:.1f},{qd_x * n:.0f},{qd_y * n:.0f},1000000,{50 * n},{70 * n},1000000,{-50 * n},{-70 * n},1000000\n" for n in range(8)
+    )
+    return ("time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n" + "".join(rows)).encode()
+
+
+HEAD_SAMPLES, FAR_SAMPLES = wobble(351.0, -491.4), wobble(989.4, -1385.2)
+"""300 and 900 mm from a head whose lever is 30 mm longer than the distance."""
 BENCH = Bench(size_mm=(300.0, 200.0, 100.0), increments=2)
 READINGS = render_readings(BENCH.survey()).encode()
 HEAD = render_head_file(head_file())

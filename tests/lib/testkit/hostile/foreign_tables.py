@@ -149,5 +149,5 @@ _BUMP = bump(CONTROLLERS["neutral"], profile_of("neutral", VOLUME, sections=8), 
 def _sign_run(data: bytes) -> object:
     with suppress(StepdiagError):
         off, _, on = text_of(data).partition("\n#on\n")
-        verdict(_BUMP, *from_readings(parse_readings(off), parse_readings(on), "X"))
-    return verdict(_BUMP, *read_sign_run(ControlFile(name="run.csv", data=data)))
+        verdict(_BUMP, *from_readings(parse_readings(off), parse_readings(on), "X")[:3])
+    return verdict(_BUMP, *read_sign_run(ControlFile(name="run.csv", data=data))[:3])

@@ -137,7 +137,7 @@ def still_missing(folder: Path, log: Path, driven: int) -> str:
         ended = [event for event in said if event.get("event") == "pass-ended"]
         begun = max((place for place, event in enumerate(said) if event.get("event") == "stop" and event["stop"] == 0), default=0)
         waits = [event["what"] for event in said[begun:] if event.get("event") == "waiting"] if len(ended) >= driven else []
-        found = re.search(r"the program of ([a-z-]+)", waits[-1]) if waits else None
+        found = re.search(r"the program of ([a-z0-9+-]+)", waits[-1]) if waits else None
         return found[1] if found else ""
 
     until(lambda: bool(wanted()) or (folder / "result.json").exists(), log, 300.0)

@@ -146,6 +146,11 @@ class Control:
         self.wait_for(lambda state: state.started > before and state.running)
         self.wait_for(lambda state: not state.running, timeout_s)
 
+    @property
+    def folder(self) -> Path:
+        """Return the folder of the configuration, where the COMP_FILEs lie."""
+        return self._folder
+
     def set(self, pin: str, value: str) -> None:
         """Set a HAL pin, as a person does at ``halcmd``."""
         self._order({"set": [pin, value]})

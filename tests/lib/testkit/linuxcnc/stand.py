@@ -45,7 +45,11 @@ class MotorReadout:
 
     def align(self, setup: str, alignment: Alignment) -> None:
         """Put laser and mirror up for a setup, as a person does before the program is started; the beam is away meanwhile."""
-        self._setup = aligned_setup(self._machine, self._box, setup, alignment)
+        self.put(aligned_setup(self._machine, self._box, setup, alignment))
+
+    def put(self, setup: Setup) -> None:
+        """Put laser and mirror up as they stand in a setup."""
+        self._setup = setup
         self._aligned_s = self._clock.wall_s() + REALIGNING_S
 
     def read(self, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -151,9 +151,9 @@ def _finite() -> Any:
 
 def _values() -> Any:
     profile = limited(profile_of("siemens"), value_um=64.0, warn_value_um=32.0)
-    found = {f"{um:g} um": checked([table_of((0, 0, um, 0))], profile=profile) for um in (0, 1, 31, 32, 33, 64, 65, -32, -33, -64, -65)}
+    found = {f"{um:g} µm": checked([table_of((0, 0, um, 0))], profile=profile) for um in (0, 1, 31, 32, 33, 64, 65, -32, -33, -64, -65)}
     found |= {
-        f"{um:g} um, own limit": checked([table_of((0, 0, um, 0))], profile=profile, own=Limits(value_um=16.0)) for um in (16, 17, -17, 65)
+        f"{um:g} µm, own limit": checked([table_of((0, 0, um, 0))], profile=profile, own=Limits(value_um=16.0)) for um in (16, 17, -17, 65)
     }
     found["own limit above"] = checked([table_of((0, 0, 65, 0))], profile=profile, own=Limits(value_um=128.0))
     found["two directions"] = checked([table_of((0, 0, 30, 0), direction=1), table_of((0, 0, 34, 0), direction=-1)], profile=profile)
@@ -167,7 +167,7 @@ def _values() -> Any:
 def _change() -> Any:
     profile = limited(profile_of("siemens"), change_um=16.0, slope_um_mm=2.0)
     old = [table_of((0, 1, 2, 3))]
-    found = {f"to {um:g} um": checked([table_of((0, 1, um, 3))], before=old, profile=profile) for um in (2, 17, 18, 19, -14, -15)}
+    found = {f"to {um:g} µm": checked([table_of((0, 1, um, 3))], before=old, profile=profile) for um in (2, 17, 18, 19, -14, -15)}
     found["of zeros"] = checked([table_of((0, 1, 40, 3))], before=[table_of((0, 0, 0, 0))], profile=profile)
     found["to zeros"] = checked([table_of((0, 0, 0, 0))], before=[table_of((0, 40, 0, 0))], profile=profile)
     found["of another"] = checked([table_of((0, 1, 40, 3))], before=[table_of((0, 1, 2, 3), "EYX", kind="cec")], profile=profile)
@@ -179,14 +179,14 @@ def _change() -> Any:
 
 def _slope() -> Any:
     profile = limited(profile_of("siemens"), value_um=900.0, warn_value_um=900.0)
-    found = {f"{um:g} um in 100 mm": checked([table_of((0, 0, um, um))], profile=profile) for um in (19, 20, 21, -20, -21)}
+    found = {f"{um:g} µm in 100 mm": checked([table_of((0, 0, um, um))], profile=profile) for um in (19, 20, 21, -20, -21)}
     steep = limited(profile_of("siemens"), slope_um_mm=0.5, value_um=900.0, warn_value_um=900.0)
-    found |= {f"{um:g} um in 100 mm, to 0.5": checked([table_of((0, um, um, um))], profile=steep) for um in (49, 50, 51)}
+    found |= {f"{um:g} µm in 100 mm, to 0.5": checked([table_of((0, um, um, um))], profile=steep) for um in (49, 50, 51)}
     none = Limits(slope_um_mm=None)
     found["no limit"] = checked([table_of((0, 0, 500, 500))], profile=profile, own=none)
     for um in (24, 25, 26, -25, -26):
-        found[f"{um:g} um to the next, 25"] = checked([table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um=25.0))
-        found[f"{um:g} um to the next, a 4th of a mm"] = checked(
+        found[f"{um:g} µm to the next, 25"] = checked([table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um=25.0))
+        found[f"{um:g} µm to the next, a 4th of a mm"] = checked(
             [table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um_mm=0.25)
         )
     both = replace(none, neighbour_um=30.0, neighbour_um_mm=0.25)
@@ -216,10 +216,10 @@ def _points() -> Any:
 
 def _reference() -> Any:
     profile = limited(profile_of("siemens"))
-    found = {f"{um:g} um": checked([table_of((um, 1, 2, 0))], profile=profile) for um in (0, 0.25, 0.5, 0.75, 1, -0.5, -0.75)}
+    found = {f"{um:g} µm": checked([table_of((um, 1, 2, 0))], profile=profile) for um in (0, 0.25, 0.5, 0.75, 1, -0.5, -0.75)}
     for wanted in (2.0, -2.0):
         for um in (2, 2.5, 2.75, -2.75, 3):
-            found[f"{um:g} um, {wanted:g} wanted"] = checked([table_of((um, 1, 2, 0))], profile=profile, own=Limits(reference_um=wanted))
+            found[f"{um:g} µm, {wanted:g} wanted"] = checked([table_of((um, 1, 2, 0))], profile=profile, own=Limits(reference_um=wanted))
     found["extended"] = checked([table_of((5, 1), at=(-200, 100), law=EXTENDED)], profile=profile)
     found["- direction"] = checked([table_of((5, 1, 2, 0), direction=-1)], profile=profile)
     found["+ direction"] = checked([table_of((5, 1, 2, 0), direction=1)], profile=profile)
@@ -275,13 +275,13 @@ def _quality() -> Any:
     def of(stated: Any, curves: Sequence[Curve] = (), findings: tuple[Finding, ...] = ()) -> list[str]:
         return checked(tables, result=replace(PLAIN, setups=setups(**stated), findings=findings), curves=curves, whole=bool(findings))
 
-    found = {f"repeats to {um:g} um": of({"ppp": {"passes": [1, 2], "repeatability_um": um}}) for um in (0, 1, 2, 2.25, 3, -1)}
+    found = {f"repeats to {um:g} µm": of({"ppp": {"passes": [1, 2], "repeatability_um": um}}) for um in (0, 1, 2, 2.25, 3, -1)}
     found["the worst of two"] = of(
         {"ppp": {"repeatability_um": 2.5}, "npp": {"repeatability_um": 3.5}, "pnp": {"repeatability_um": None}, "ppn": {}}
     )
     for um in (1.75, 2.0, 2.25):
-        found[f"{um:g} um beside U of 1"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0)])
-        found[f"{um:g} um beside U of 1 and one beyond"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0), curve_of("EYY", (0, 9, 0, 0), 1.0)])
+        found[f"{um:g} µm beside U of 1"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0)])
+        found[f"{um:g} µm beside U of 1 and one beyond"] = of({}, [curve_of("EXX", (0, um, 0, 0), 1.0), curve_of("EYY", (0, 9, 0, 0), 1.0)])
     found["nothing known of U"] = of({}, [curve_of("EXX", (0, 0, 0, 0), np.nan)])
     errors = tuple(Finding(code=f"code-{severity}", severity=severity, text="what it says") for severity in ("info", "warning", "error"))
     found["what the result says"] = of({}, findings=errors)
@@ -293,7 +293,9 @@ def _sign() -> Any:
     tables = [table_of((0, 1, 2, 0)), table_of((0, 1, 2, 0), "EYX", kind="cec", law=COMPENSATION)]
 
     def of(*records: tuple[str, date, str]) -> list[str]:
-        tests = tuple(SignTestRecord(kind=kind, date=day, verdict=verdict) for kind, day, verdict in records)
+        about = {"machine": profile.machine.name, "control": "siemens", "measuring_system": "1"}
+        files = {"bump_sha256": ["b" * 64], "runs_sha256": ["a" * 64]}
+        tests = tuple(SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files) for kind, day, verdict in records)
         return checked(tables, profile=replace(profile, sign_tests=tests), whole=True)
 
     found: dict[str, Any] = {"none": of()}
@@ -528,7 +530,7 @@ def _remarks() -> Any:
 
 
 def _laws() -> Any:
-    """What the laws make of one table: its words, absolute values and movement in both directions."""
+    """What the laws make of one table: absolute values and movement in both directions."""
     at = np.array([-250.0, -200.0, -150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0])
     found: dict[str, Any] = {}
     for sense in ("as-error", "as-compensation"):
@@ -538,7 +540,6 @@ def _laws() -> Any:
                     law = Law(sense=sense, data=data, between=between, ends=ends)
                     one = replace(table_of((0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3), offset_um=1.5)
                     found[f"{sense} {data} {between} {ends}"] = [
-                        law.describe(),
                         str(one.label),
                         str(one.identity),
                         one.absolute_um.tolist(),
@@ -565,7 +566,7 @@ def _moved(one: Table, at: np.ndarray) -> list[Any]:
         correction_um(one, at, 1).tolist(),
         correction_um(one, at, -1).tolist(),
         correction_um(straight, at, 1).tolist(),
-        straight.law.describe(),
-        list(plain_rows(one)),
+        straight.law.between,
+        plain.figures(plain_rows(one)),
         [each.label for each in zeroed([one])],
     ]

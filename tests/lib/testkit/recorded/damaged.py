@@ -189,7 +189,7 @@ def _sign_run() -> Any:
 
     def read(data: bytes) -> Any:
         run = read_sign_run(ControlFile(name="run.csv", data=data))
-        return [column.tolist() for column in run]
+        return [column.tolist() for column in run[:3]]
 
     broken = {what: plain.attempted(lambda damaged=damaged: read(damaged.encode("latin-1"))) for what, damaged in damages(text)}
     return {"whole": read(text.encode("ascii")), "damaged": plain.grouped(broken)}

@@ -178,7 +178,7 @@ def _volumetric() -> Any:
         "plain": profile,
         "turned": profile_of("beckhoff", 'negate = "XZ"', steps={"X": 100.0, "Y": 120.0, "Z": 90.0}),
         "chain": profile_of("beckhoff", 'chain = "FXYZ"', steps={"X": 100.0, "Y": 120.0, "Z": 90.0}),
-        "chain turned": profile_of("beckhoff", 'chain = "XYFZ"\nnegate = "XYZ"', steps={"X": 100.0, "Y": 120.0, "Z": 90.0}),
+        "chain turned": profile_of("beckhoff", 'chain = "XYFZ"\nturned = false\nnegate = "XYZ"', steps={"X": 100.0, "Y": 120.0, "Z": 90.0}),
     }
     texts = {
         "whole": HAND,

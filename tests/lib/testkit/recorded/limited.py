@@ -134,7 +134,7 @@ def _of_plan(controller: Any, profile: Any, result: Result) -> Any:
     )
     settled = replace(profile, options=plan.options or profile.options)
     by_kind = {f"{table.kind} {table.input_axis}": str(controller.limits(table, settled)) for table in (*plan.tables, *plan.listed)}
-    return {"limits": by_kind, "steps": list(controller.instructions(settled)), "findings": [said(item) for item in plan.findings]}
+    return {"limits": by_kind, "steps": len(controller.instructions(settled)), "findings": [said(item) for item in plan.findings]}
 
 
 def _nets() -> Any:
@@ -270,7 +270,7 @@ def _before() -> Any:
     old = [table_of((0, 1, 2, 3), direction=1), table_of((0, 2, 2, 5), direction=-1)]
     profile = limited(profile_of("siemens"), change_um=2.0)
     return {
-        f"{um:g} um, {way}": checked([table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING)
+        f"{um:g} µm, {way}": checked([table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING)
         for um in (2, 3, 4, 5)
         for way in (0, 1, -1)
     }

@@ -2,15 +2,20 @@
 
 import difflib
 import json
+import re
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.exporters.export.written import REPORT
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.tables import Table
 from testkit.references import plain
+
+_CODE_OR_FIGURE = re.compile(r"^ +(?:error|warning|info) +([a-z.-]+):|(?<![\w.])([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?![\w.]*[A-Za-z])")
+"""The code of a remark, or a number that belongs to no name."""
 
 
 def lines(data: bytes) -> list[str]:
@@ -24,8 +29,15 @@ def files(some: Iterable[ControlFile]) -> dict[str, list[str]]:
 
 
 def written(folder: Path) -> dict[str, list[str]]:
-    """Return the files of a folder as lines by name, without their hashes."""
-    return {path.name: lines(path.read_bytes()) for path in sorted(folder.iterdir()) if path.name != "SHA256SUMS"}
+    """Return the files of a folder as lines by name, without their hashes; of the report its codes and figures."""
+    paths = (path for path in sorted(folder.iterdir()) if path.name != "SHA256SUMS")
+    return {path.name: figures(lines(path.read_bytes())) if path.name == REPORT else lines(path.read_bytes()) for path in paths}
+
+
+def figures(text: Iterable[str]) -> list[str]:
+    """Return of every line that a person reads its code and its figures; a line without both is left out."""
+    found = (" ".join(each for pair in _CODE_OR_FIGURE.findall(line) for each in pair if each) for line in text)
+    return [line for line in found if line]
 
 
 def table(one: Table) -> dict[str, Any]:

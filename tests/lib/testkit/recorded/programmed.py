@@ -5,12 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.setups import setup_code
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.profiles.template import profile_template
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.linuxcnc import companion_files
-from stepdiag.exporters.programs.sequence import passes_of, setup_number, travel_mm
+from stepdiag.exporters.programs.sequence import passes_of, travel_mm
 from stepdiag.exporters.programs.settings import program_section, program_template, travel_in
 from testkit.recorded import plain
 
@@ -105,7 +106,7 @@ def _sequences() -> Any:
                 for one in passes_of(sequence, setup)
             ] + travel_mm(sequence, setup).tolist()
     found["numbers"] = {
-        name: plain.attempted(lambda name=name: setup_number(name))
+        name: plain.attempted(lambda name=name: setup_code(name, ("linear-x+1",)))
         for name in (*SETUP_NUMBERS.values(), "ppp+1", "ppp+0", "ppp+", "ppp+x", "linear-x+1", "xyz", "", "ppp+1+1", "PPP")
     }
     return found

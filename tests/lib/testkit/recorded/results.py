@@ -79,7 +79,7 @@ def told() -> Result:
         shape_only=("EZZ",),
         findings=(
             Finding(code="scale-unidentified", severity="warning", text="the scale of Z"),
-            Finding(code="closure", severity="info", text="the readings close to 0.4 um"),
+            Finding(code="closure", severity="info", text="the readings close to 0.4 µm"),
         ),
         backlash=BACKLASH,
         assumed={"angles_urad": 5.0, "drift_um": 0.4, "shape_um": 3.25},

@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.base.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.sign_evidence import record, subject
 from stepdiag.exporters.safety.sign_run import from_readings
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.profile import Profile
@@ -105,7 +106,7 @@ def _judged(control: str, function: str, profile: Profile, shares: Sequence[floa
 
 
 def toml(found: Any) -> str:
-    return f" | {found.as_toml(date(2026, 5, 4))}" if found.sense else ""
+    return f" | {found.kind} {found.sense}" if found.sense else ""
 
 
 def said(judge: Callable[[], Any]) -> Any:
@@ -205,7 +206,7 @@ def _readings() -> Any:
         return make_readings(**columns, u_um=None, zero=[NO_ZERO] * len(columns["stop"]))
 
     def of(off: Readings, on: Readings, axis: str) -> Any:
-        return plain.attempted(lambda: [column.tolist() for column in from_readings(off, on, axis)])
+        return plain.attempted(lambda: [column.tolist() for column in from_readings(off, on, axis)[:3]])
 
     return {
         "a bump": of(run(), run(add=(0.0, 4.0, 0.0)), "X"),
@@ -221,7 +222,7 @@ def _readings() -> Any:
 
 def _undecided() -> Any:
     """A test that decided nothing makes no record."""
-    found = verdict(
-        bump(controller_named("siemens"), profile_of("siemens", steps=FINE), "EXX"), np.linspace(-200.0, 100.0, 7), np.zeros(7), np.zeros(7)
-    )
-    return plain.attempted(lambda: found.as_toml(date(2026, 5, 4)))
+    profile = profile_of("siemens", steps=FINE)
+    test = bump(controller_named("siemens"), profile, "EXX")
+    found = verdict(test, np.linspace(-200.0, 100.0, 7), np.zeros(7), np.zeros(7))
+    return plain.attempted(lambda: record(test, found, subject("siemens", profile), date(2026, 5, 4), []).as_toml())

@@ -12,10 +12,9 @@ from stepdiag.base.result.result import Result
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
-from stepdiag.exporters.safety.verdicts.case import TableCase
+from stepdiag.exporters.safety.verdicts.case import TableCase, grid_mm, growing_um
 from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.safety.verdicts.lattice import judge_field, judge_lattice
-from stepdiag.exporters.safety.verdicts.measures import grid_mm, growing_um
+from stepdiag.exporters.safety.verdicts.lattice import judge_lattice
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS
@@ -190,7 +189,6 @@ def _over_others() -> Any:
     """New tables over such as acted while measuring, stepped ones among them."""
     old = [replace(each, law=STEPPED, value_um=np.round(0.6 * each.value_um[::-1], 1)) for each in asked(nodes=7)]
     residual = asked()
-    at = residual[0].position_mm
     found: dict[str, Any] = {}
     for factor in (0.0, 0.6, 1.0, 1.9):
         new = []
@@ -202,18 +200,14 @@ def _over_others() -> Any:
         found[f"over lines, {factor:g}"] = verdicts(new, before=smooth)
     found["itself"] = verdicts(old, before=old)
     found["emptied"] = verdicts([replace(each, value_um=0.0 * each.value_um) for each in old], before=old, after=())
-    case = TableCase(old[0], old[:2], [replace(old[0], value_um=old[0].value_um + 1.0)], VOLUME)
+    before = [replace(old[0], value_um=old[0].value_um + 1.0)]
+    case = TableCase(table=old[0], together=old[:2], before=before, volume=VOLUME)
     curve = curve_of("EXX", (0, 3, 1, 4), 0.3)
-    some = np.array([-180.0, -110.0, 20.0, 90.0])
+    fits = (case.fit(curve), case.fit(curve, 15.0), case.fit(curve, 15.0, 0.02))
     found["parts"] = [
-        case.moved_um(some).tolist(),
-        case.sum_um(old[:1], some).tolist(),
+        *([fit.factor, fit.left(), fit.rest_um] for fit in fits if fit is not None),
         case.unstepped(curve).forward_um.tolist(),
-        *(part.tolist() for part in case.at_own_points_um(curve, some, 0.0)),
-        *(part.tolist() for part in case.at_own_points_um(curve, some, 15.0)),
-        *(part.tolist() for part in replace(case, turn_um_mm=0.02).at_own_points_um(curve, some, 15.0)),
-        case.moved_field_um()[::4, ::4, ::4].reshape(-1).tolist(),
-        [float(at[0]), case.is_slope],
+        [case.slope_left_um_mm(curve), case.is_slope],
     ]
     times = Multiplier(axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-0.5, 1.0]))
     for name, each in {
@@ -221,8 +215,9 @@ def _over_others() -> Any:
         "product across": replace(old[0], input_axis="Y", position_mm=old[0].position_mm + 200.0, multiplier=replace(times, axis="X")),
         "stepped product": replace(old[0], multiplier=times, law=STEPPED),
     }.items():
-        both = TableCase(old[0], [old[0], each], [each], VOLUME)
-        found[name] = [both.sum_um([each], some).tolist(), both.unstepped(curve).forward_um.tolist(), both.moved_um(some).tolist()]
+        both = TableCase(table=old[0], together=[old[0], each], before=[each], volume=VOLUME)
+        fit = both.fit(curve)
+        found[name] = [both.slope_left_um_mm(curve), both.unstepped(curve).forward_um.tolist(), None if fit is None else fit.factor]
     return found
 
 
@@ -231,9 +226,7 @@ def _fields() -> Any:
     axes = (np.linspace(-200.0, 100.0, 5), np.linspace(40.0, 280.0, 4), np.linspace(-150.0, 30.0, 3))
 
     def of(result: Result, moved: Callable[[Any], Any], at: Any = axes) -> Any:
-        whole = judge_field(result, moved, at)
-        parts = judge_lattice(result, moved, at)
-        return [None if whole is None else f"{references.plain(whole.message)}", [[one.code, one.factor] for one in parts]]
+        return [[one.code, one.factor] for one in judge_lattice(result, moved, at)]
 
     def right(result: Result) -> Callable[[Any], Any]:
         return lambda points: -error_field_um(result, points)

@@ -12,7 +12,8 @@ from stepdiag.base.result.result import Result
 from stepdiag.base.result.stretches import harmed
 from stepdiag.base.result.typed import written
 from stepdiag.base.volume import Volume, anywhere_mm
-from stepdiag.solver.planning.planner import Circumstances, Forecast, best_survey, forecast, plan
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.planner import Forecast, forecast, plan
 from testkit.references import plain, refused
 
 EVERY = slice(None, None, 7)
@@ -90,19 +91,13 @@ def _forecast(given):
     about = Circumstances(assumed=Assumptions(**given.get("assumed", {})), chain=given.get("chain", "FXYZ"), **given.get("about", {}))
     survey = _plan(given)
     told = _told(forecast(survey, about)) | {
-        "runs_min": [[run_minutes(survey, run), setup_minutes(survey.pace, run)] for run in survey.runs],
+        "runs_min": [[run_minutes(survey, run), setup_minutes(survey, run)] for run in survey.runs],
         "stops_mm": [run_stops_mm(survey, run)[:5] for run in survey.runs],
     }
     if "asked" in given:
         advice = plan(survey, about, **given["asked"])
-        told["additions"] = [
-            [one.text, one.minutes, one.gain_um, one.gain_um_per_minute, list(one.newly_identified)] for one in advice.additions
-        ]
-        told["resolving"] = [[one.text, one.minutes, one.forecast.hidden] for one in advice.resolving]
+        told["front"] = [_chosen(one) for one in advice.front]
         told["best"] = advice.best and _chosen(advice.best)
-    if "grown" in given:
-        found = best_survey(survey, about, **given["grown"])
-        told["grown"] = found and _chosen(found)
     return told
 
 

@@ -32,7 +32,7 @@ from stepdiag.solver.methods.volumetric import between_um, coarse_findings
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.noise import assumed_noise
-from stepdiag.solver.planning.planner import Circumstances
+from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
 from testkit.references import refused
 
@@ -164,7 +164,7 @@ def defaults():
         "pace": Pace(),
         "head": Head(psd1_focal_length_mm=300.0, psd2_focal_length_mm=300.0, dead_path_mm=30.0),
         "axis": [curve, curve.curve.shift_um(0.5)],
-        "circumstances": {name: getattr(Circumstances(), name) for name in ("chain", "head_u_urad", "beam_offset_mm")},
+        "circumstances": {name: getattr(Circumstances(), name) for name in ("chain", "head_u_urad", "shift_mm")},
         "setup": Run(setup="ppp"),
         "options": {name: getattr(Options(chain="FXYZ"), name) for name in ("straightness", "trials")},
     }

@@ -6,7 +6,7 @@ from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
 
 RIGHT_UM = 0.5
-"""A stop is right within this: the noise is 0.2 um a sample, the machine swings out to below a tenth of a micrometre."""
+"""A stop is right within this: the noise is 0.2 µm a sample, the machine swings out to below a tenth of a micrometre."""
 
 
 def nothing_silently_wrong(place, folder=None):
@@ -21,5 +21,5 @@ def nothing_silently_wrong(place, folder=None):
         zero = chosen[first].reading_mm - true.reading_mm[first]
         for index, stop in chosen.items():
             error_um = (stop.reading_mm - zero - true.reading_mm[index]) * 1e3
-            assert abs(error_um) < RIGHT_UM or stop.doubts or each.doubt(index), f"stop {index} wrong by {error_um:.2f} um and not named"
+            assert abs(error_um) < RIGHT_UM or stop.doubts or each.doubt(index), f"stop {index} wrong by {error_um:.2f} µm and not named"
     return book

@@ -133,7 +133,7 @@ def test_factor_is_one_when_the_instrument_has_done_it():
 
 
 def test_every_stop_gets_the_air_of_its_time():
-    """A degree over the pass is 0.955 ppm: the stop half-way gets half of it, 0.48 um on a metre of dead path."""
+    """A degree over the pass is 0.955 ppm: the stop half-way gets half of it, 0.48 µm on a metre of dead path."""
     index = edlen_index(air(temperature_c=[20.0, 20.5, 21.0]), 633.0)
     assert np.diff(index) * 1e6 == pytest.approx([-0.4775, -0.4775], abs=3e-3)
     standing = displacement_mm([0.0, 0.0, 0.0], index, zero_index=float(index[0]), dead_path_mm=1000.0, done=Done.NOTHING)

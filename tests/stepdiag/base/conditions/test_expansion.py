@@ -10,7 +10,7 @@ from stepdiag.base.conditions.expansion import expansion_um, reading_at_20_c_mm
 
 
 def test_one_metre_of_steel_grows_by_the_book():
-    """1 m, 11.7 um/m/C, 1 C above 20 C: 11.7 um (ISO 1)."""
+    """1 m, 11.7 µm/m/C, 1 C above 20 C: 11.7 µm (ISO 1)."""
     growth = expansion_um([[1000.0, 0.0, 0.0]], [1.0, 0.0, 0.0], [11.7, 0.0, 0.0], [21.0, 35.0, 35.0])
     assert growth == pytest.approx([11.7])
 

@@ -88,7 +88,7 @@ def test_one_way_runs_are_all_outward():
         ("2 1 0.5", "2 9 0.5", "target 1 to 4"),
         ("2 1 0.5", "2 1 0,5", "a number with a decimal point"),
         ("1 4 3.0", "1 4 3.0 9", "run, target and deviation"),
-        ("1 4 3.0", "1 4 300000", "a deviation in um"),
+        ("1 4 3.0", "1 4 300000", "a deviation in µm"),
         ("File type : Linear", "File type : Angular", "expected lengths"),
         ("0.0 100.0 200.0", "0.0 200.0 100.0", "rise or fall"),
         ("RUNS::\n", "", "a section RUNS"),

@@ -20,7 +20,7 @@ from stepdiag.base.result.typed import read, read_or_none, written
     ],
 )
 def test_rounding_never_promises_more(low, high, shown):
-    """The high end says how many decimals both have: a tenth below 9.95 um, none from there on."""
+    """The high end says how many decimals both have: a tenth below 9.95 µm, none from there on."""
     assert Interval(value_um=low, low_um=low, high_um=high).shown() == shown
     assert str(Interval(value_um=low, low_um=low, high_um=high).words()) == f"{shown[0]} to {shown[1]}"
 

@@ -11,7 +11,7 @@ from stepdiag.base.messages import rendered
 from stepdiag.base.result.prediction import predicted
 from stepdiag.base.result.result import MEMBERS, parse_result
 from stepdiag.solver.methods.solve import solve
-from testkit.exact.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench, solved
 
 RESULT = solve(Bench().survey(DIAGONALS))
 TEXT = RESULT.to_json()
@@ -137,3 +137,12 @@ def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increment
 def test_what_is_no_result_is_refused_by_field(text, message):
     with pytest.raises(DataError, match=message):
         parse_result(text, "old.json")
+
+
+@pytest.mark.parametrize("part", ["offset", "modes", "rest", "between_um"])
+@pytest.mark.parametrize("name", ["EX[", "E", "", "EXXX", "C0Z"])
+def test_posterior_of_a_quantity_that_no_machine_has_is_refused(part: str, name: str) -> None:
+    document = json.loads(solved(1).to_json())
+    document["posterior"][part] = {name: next(iter(document["posterior"][part].values()), [])}
+    with pytest.raises(DataError, match=f"posterior.{part}"):
+        parse_result(json.dumps(document))

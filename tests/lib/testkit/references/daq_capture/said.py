@@ -6,7 +6,7 @@ from typing import Any
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
-from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, needed_conditions, told_names, with_air
+from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, condition_names, needed_conditions, with_air
 from stepdiag.daq.capture.log_start import start_of
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.capture.remarks.machine_remarks import Alarm, Pulse, credible_of
@@ -29,7 +29,7 @@ def conditions(told: dict[str, Any]) -> Any:
         judged = judges.judge(signals_of(told["good"] | changed), time_s)
         believed = [getattr(judged.signals, name) for name in told["good"]]
         kept = [judges.credible[name] for name in told["good"] if name in judges.credible]
-        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [plain(each) for each in (*judged.said, *judged.doubted)]
+        words = [f"held {', '.join(judged.held)}"] * bool(judged.held) + [plain(each) for each in (*judged.remarks, *judged.doubted)]
         found += [plain([*believed, *(each.value for each in kept), *(each.time_s for each in kept)]), *words]
     return {"needed": needed_conditions(survey), "stops": found}
 
@@ -38,13 +38,13 @@ def sensors(told: dict[str, Any]) -> Any:
     """Return what is believed of what a sensor told, and when."""
     said = {name: (value, time_ms * MS) for name, value, time_ms in told["told"]}
     sensor: Any = SimpleNamespace(
-        told={name: value for name, (value, _) in said.items()},
-        told_since=lambda since: {name: value for name, (value, time_ns) in said.items() if time_ns >= since},
+        conditions={name: value for name, (value, _) in said.items()},
+        conditions_since=lambda since: {name: value for name, (value, time_ns) in said.items() if time_ns >= since},
     )
     found = []
     for each in told["surveys"]:
         survey = survey_of(each)
-        found.append(told_names(survey, sensor))
+        found.append(condition_names(survey, sensor))
         for now_ms in told["now_ms"]:
             felt = with_air(survey, signals_of(told["signals"]), sensor, now_ms * MS, silent=float("nan"))
             before = believed_before(survey, sensor, now_ms * MS, 7_000_000_000, {})
@@ -107,5 +107,5 @@ def starts(told: list[Any]) -> Any:
         try:
             found.append(plain(start_of(said, "log.mcap")))
         except StepdiagError as refusal:
-            found.append(f"{type(refusal).__name__}: {refusal}")
+            found.append(f"{type(refusal).__name__}: {plain(refusal.message)}")
     return found

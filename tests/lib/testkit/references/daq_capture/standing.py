@@ -167,5 +167,5 @@ def heads(told: dict[str, Any]) -> Any:
             for one in certain_windows(view, dwell, rules_of(told)):
                 found.append(brief(make_head_stop(route, 1, dwell.signals, one, head, laser, 5_000_000_000)))
                 found.append(make_stop(route, 2, dwell.signals, one, None, 0).channels)
-        found.append([(each.code, str(each)) for each in troubles(head, dwell)])
+        found.append([plain(each) for each in troubles(head, dwell)])
     return plain(found)

@@ -4,7 +4,6 @@ Every writer that replaces or creates a file goes through `part_of`: its hidden 
 lives, and is removed by the next writer of the same target where its own writer is gone.
 """
 
-import fcntl
 import os
 import re
 import shutil
@@ -12,6 +11,8 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+
+from stepdiag.base.disk.system import FOLDERS_OPEN, lock, open_folder
 
 SUFFIX = ".part"
 
@@ -21,12 +22,13 @@ def part_of(target: Path) -> Iterator[Path]:
     """Yield a new hidden folder beside ``target`` to write into; at the end it is gone with all that is still in it. Raises OSError."""
     for left in _of_target(target):
         _remove_abandoned(left)
-    part, lock = _locked_folder(target)
+    part, handle = _held_folder(target)
     try:
         yield part
     finally:
         shutil.rmtree(part, ignore_errors=True)
-        os.close(lock)
+        if handle is not None:
+            os.close(handle)
 
 
 @contextmanager
@@ -57,15 +59,6 @@ def write_through(path: Path, data: bytes) -> None:
         path.chmod(0o644)
 
 
-def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk. Raises OSError."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def publish_new(written: Path, target: Path) -> None:
     """Give a written file a name that is free. Raises FileExistsError where it is taken, OSError for what the disk refuses."""
     try:
@@ -88,20 +81,22 @@ def _of_target(target: Path) -> list[Path]:
 def _remove_abandoned(part: Path) -> None:
     """Remove a hidden folder that nobody locks; where locks are not known to the file system, or somebody else removes it, it stays."""
     with suppress(OSError):
-        handle = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        handle = open_folder(part)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(handle)
             shutil.rmtree(part, ignore_errors=True)
         finally:
             os.close(handle)
 
 
-def _locked_folder(target: Path) -> tuple[Path, int]:
+def _held_folder(target: Path) -> tuple[Path, int | None]:
     """Return a new hidden folder and the handle that keeps it locked; one that another writer took for abandoned meanwhile is made anew."""
     while True:
         part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
+        if not FOLDERS_OPEN:
+            return part, None
         with suppress(FileNotFoundError):
-            handle = os.open(part, os.O_RDONLY | os.O_DIRECTORY)
+            handle = open_folder(part)
             if _locked(handle) and part.exists():
                 return part, handle
             os.close(handle)
@@ -110,7 +105,7 @@ def _locked_folder(target: Path) -> tuple[Path, int]:
 def _locked(handle: int) -> bool:
     """Lock a folder; return whether it is this writer's. A file system that knows no locks lets nobody remove it."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(handle)
     except BlockingIOError:
         return False
     except OSError:

@@ -1,0 +1,113 @@
+"""What a control holds, as it was read out of it, against what an export wrote: number by number, with switches and weights.
+
+A loading that stops half way, an old file that was loaded again, a switch that was forgotten: all of it stands in the control's own numbers
+and in no statement. Compared are the tables as the control's law reads them from both sides, to half a unit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+import numpy as np
+
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.tables.controller import Controller, Switching
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table
+
+STEPS: Mapping[str, str] = {
+    "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
+    "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH).",
+    "heidenhain": "Copy the .COM tables and the .CMA file out of the control again.",
+    "beckhoff": "Copy the files out of the folder that the configuration names: those that the control loaded, not those that were sent.",
+    "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp` (joint, file), run READ_BACK.ngc.",
+    "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
+    "fagor": "Copy the leadscrew tables out of the control again.",
+}
+"""How the numbers come out of each control, one step; the comparison is a command."""
+_UNIT_SHARE = 0.51
+"""So much of a unit of the last digit two numbers may differ: half of it, and the last bit."""
+_LEAST_UM = 2e-3
+"""The last digit of what is read from a running control."""
+_PLACE_MM = 1e-3
+_SAME = 1e-6
+"""Multipliers are numbers about 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadBack:
+    """What was compared: how many numbers and switches, and a finding for each table and switch that differs."""
+
+    numbers: int
+    switches: int
+    findings: tuple[Finding, ...]
+
+
+def compare(controller: Controller, written: Sequence[ControlFile], held: Sequence[ControlFile], profile: Profile) -> ReadBack:
+    """Return the comparison of the files of an export with those that were read out of the control.
+
+    Raises ``DataError`` for a file that is none of this control.
+    """
+    wanted = controller.parse([file for file in written if file.role == "data"], profile)
+    plain = [as_data(file) for file in held]
+    try:
+        found = {table.identity: table for table in controller.parse(plain, profile)}
+    except (DataError, UsageError) as error:  # a loading that ended half way leaves a table without its grid
+        if not all(controller.recognises(file) for file in plain):
+            raise
+        unfit = finding("error", message("read-back-differs.unfit", why=error.message))
+        return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=0, findings=(unfit,))
+    known = {table.identity for table in wanted}
+    findings = [item for table in wanted for item in _of_table(table, found.get(table.identity))]
+    findings += [
+        finding("error", message("read-back-differs.beside", label=table.label))
+        for identity, table in found.items()
+        if identity not in known and table.value_um.any()
+    ]
+    stated: Mapping[str, str] = {}
+    if isinstance(controller, Switching):
+        stated, now = controller.switches(wanted, profile), controller.held_switches(plain)
+        findings += [
+            finding("error", message("read-back-differs.switch", name=name, held=now[name], written=value))
+            if name in now
+            else finding("error", message("read-back-differs.unread", name=name))
+            for name, value in stated.items()
+            if now.get(name) != value
+        ]
+    return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=len(stated), findings=tuple(findings))
+
+
+def as_data(file: ControlFile) -> ControlFile:
+    """Return a part program that a control wrote as the data file that it is: its switches are read, and are no statement of a loading."""
+    path = PurePath(file.name)
+    return replace(file, name=f"{path.stem}.INI", role="data") if path.suffix.upper() in (".MPF", ".SPF") else file
+
+
+def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
+    """Yield what differs of one table: that it is not there, its positions, or how many numbers and the first of them."""
+    label = wanted.label
+    if held is None:
+        if wanted.value_um.any():
+            yield finding("error", message("read-back-differs.absent", label=label))
+        return
+    alike = wanted.direction == held.direction and len(wanted.position_mm) == len(held.position_mm)
+    if not alike or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM or not _same_lever(wanted, held):
+        yield finding("error", message("read-back-differs.grid", label=label))
+        return
+    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(wanted.quantum_um, _LEAST_UM)
+    if off.any():
+        at = int(np.argmax(off))
+        where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"
+        pair = {"held_um": float(held.absolute_um[at]), "written_um": float(wanted.absolute_um[at])}
+        yield finding("error", message("read-back-differs", label=label, count=int(off.sum()), where=where, **pair))
+
+
+def _same_lever(one: Table, other: Table) -> bool:
+    if one.multiplier is None or other.multiplier is None:
+        return one.multiplier is other.multiplier
+    at = one.multiplier.position_mm
+    same_axis = one.multiplier.axis == other.multiplier.axis
+    return same_axis and bool(np.allclose(one.multiplier.value, other.multiplier.at(at), rtol=0, atol=_SAME))

@@ -1,0 +1,158 @@
+"""Theory of operation: is this table right? The one place where that is decided.
+
+What the files do, by the control's law, is regressed on what the result asks for, function by function:
+
+    moved = factor * asked + rest
+
+The factor is 1 where the table is right and -1 where its sign is turned; it is 1 for another function where two tables are swapped, and at
+another place where the table lies beside the volume; any other factor with a small rest is a table of the wrong size. A large rest is a
+table of something else, and a movement of nothing a missing table. The rest is at right angles to what is asked for, so what a table leaves
+of an error follows from the two: hypot(1 - factor, rest / asked).
+
+Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three sizes excuse a difference. ``sure_um`` is
+what rounding and the result's uncertainty hide. ``unheld_um`` is what the points of the table cannot hold. ``spike_um`` is the largest
+scatter at one place that these two, and a tolerated size, make plausible.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from stepdiag.base.volume import Vector, rms
+
+SAME = 0.4
+"""What a table may leave of an error and still be the right one: what another survey of an ordinary machine changes."""
+SIZED = 0.15
+"""By what share a table may be larger or smaller than the right one: rounding stays below it in every export."""
+ALIKE = 0.9
+"""Correlation from which a table counts as the right one in another size: what `SAME` leaves of one that has the right size."""
+OTHER, EXACT = 0.35, 0.1
+"""What another function may leave to be named; what it, or another place, leaves where it is just that: then it goes before a size."""
+SPIKE = 3.0
+"""How often an excused size a table may differ at one place: about the largest of a normal scatter."""
+SURE_UM = 0.2
+"""Movements below this are not separated from rounding and noise."""
+
+Cause = Literal["right", "missing", "sign-turned", "other", "beside", "scaled", "spike", "unlike"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """One regression. ``asked_um`` is the size of what was asked for, ``size_um`` that of the error, which a share is a share of."""
+
+    factor: float
+    asked_um: float
+    size_um: float
+    rest_um: float
+    largest_um: float
+    largest_index: int
+    sure_um: float = SURE_UM
+    unheld_um: float = 0.0
+    spike_um: float = np.inf
+
+    @property
+    def moved_um(self) -> float:
+        """Return the size of the movement."""
+        return float(np.hypot(self.factor * self.asked_um, self.rest_um))
+
+    @property
+    def alike(self) -> float:
+        """Return the correlation of movement and what was asked for."""
+        return self.factor * self.asked_um / self.moved_um if self.moved_um > 0.0 else 0.0
+
+    def left(self, factor: float = 1.0) -> float:
+        """Return the share of the error that is left where ``factor`` times what is asked for would leave nothing."""
+        left_um = float(np.hypot((self.factor - factor) * self.asked_um, self.rest_um))
+        return float(np.maximum(0.0, left_um - self.unheld_um)) / max(self.size_um, self.sure_um)
+
+    @property
+    def left_scaled(self) -> float:
+        """Return the share of the movement that no size explains."""
+        return float(np.sqrt(max(0.0, 1.0 - self.alike**2)))
+
+    @property
+    def is_large(self) -> bool:
+        """Return whether the error is more than what rounding and uncertainty hide."""
+        return self.size_um > self.sure_um
+
+    @property
+    def is_alike(self) -> bool:
+        """Return whether the movement corrects the error in its right size, one place aside, or both are too small to separate."""
+        off_um = abs(self.factor - 1.0) * self.asked_um - self.unheld_um
+        unsure = self.sure_um / max(self.size_um, self.sure_um)
+        small = max(self.size_um, self.moved_um) < self.sure_um
+        return small or bool(self.left() <= np.hypot(SAME, unsure) and off_um <= np.hypot(SIZED * self.size_um, self.sure_um))
+
+    @property
+    def is_right(self) -> bool:
+        """Return whether the movement corrects the error everywhere."""
+        return self.is_alike and self.largest_um <= self.spike_um
+
+
+def regress(
+    moved_um: Vector,
+    asked_um: Vector,
+    *,
+    size_um: float | None = None,
+    sure_um: float = SURE_UM,
+    unheld_um: float = 0.0,
+    spike_um: float = np.inf,
+) -> Fit:
+    """Return the regression of a movement on what is asked for, arrays of one shape; ``size_um`` is that of ``asked_um`` without it."""
+    own = rms(asked_um)
+    factor = float(np.mean(moved_um * asked_um)) / own**2 if own > 0.0 else 0.0
+    rest = moved_um - factor * asked_um
+    index = int(np.argmax(np.abs(rest)))
+    return Fit(
+        factor=factor, asked_um=own, size_um=own if size_um is None else size_um, rest_um=rms(rest),
+        largest_um=float(np.abs(rest).flat[index]), largest_index=index, sure_um=sure_um, unheld_um=unheld_um, spike_um=spike_um,
+    )  # fmt: skip
+
+
+class Explained(NamedTuple):
+    """What a movement is: the cause, the regression that shows it, and of another function or place which."""
+
+    cause: Cause
+    fit: Fit | None = None
+    other: str = ""
+    shift_mm: float = 0.0
+
+
+def explain(
+    own: Sequence[Fit],
+    turned: Sequence[Fit] = (),
+    others: Iterable[tuple[str, Fit]] = (),
+    shifted: Iterable[tuple[float, Fit]] = (),
+) -> Explained:
+    """Return what a movement is by its regressions on its ``own`` function, one for each form in which a result may ask for it.
+
+    ``turned`` are the same with the workpiece turned: they show what is right and explain nothing else. ``others`` are regressions on the
+    other functions, ``shifted`` those at other places; they are computed only where they are asked for.
+    """
+    every = (*own, *turned)
+    right = [fit for fit in every if fit.is_right]
+    if right:
+        return Explained("right", min(right, key=Fit.left))
+    if own and all(fit.moved_um < fit.sure_um for fit in own):
+        return Explained("missing", max(own, key=lambda fit: fit.size_um))
+    for fit in own:
+        if fit.left(-1.0) <= SAME and fit.is_large:
+            return Explained("sign-turned", fit)
+    near = [fit for fit in every if fit.is_alike or fit.left() <= SAME]
+    if near:
+        fit = min(near, key=lambda fit: fit.rest_um)
+        return Explained("spike" if fit.is_alike else "scaled", fit)
+    unscaled = min((fit.left_scaled for fit in own), default=1.0)
+    for name, fit in others:
+        if fit.size_um >= 2.0 * fit.sure_um and min(fit.left(), fit.left(-1.0)) <= min(OTHER, max(EXACT, unscaled)):
+            return Explained("other", fit, other=name)
+    elsewhere = [(shift, fit) for shift, fit in shifted if fit.left() <= min(OTHER, unscaled) and fit.is_large]
+    if elsewhere:
+        shift, fit = min(elsewhere, key=lambda each: each[1].left())
+        return Explained("beside", fit, shift_mm=shift)
+    sized = [fit for fit in own if abs(fit.alike) >= ALIKE and fit.is_large]
+    if sized:  # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
+        return Explained("scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left())))
+    return Explained("unlike", min(own, key=lambda fit: fit.rest_um, default=None))

@@ -1,0 +1,88 @@
+"""The part program that writes out what a SINUMERIK holds: every table of an export with its switches and weight, as assignments.
+
+The file that it leaves has the form of a data file, so that everything that reads the machine's own files reads it. WRITE appends a line to
+a file of the passive file system, no longer than MD11420 allows (NC Programming, SINUMERIK ONE, p. 566); how many digits a number has that
+"<<" joins to a text is not stated there.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.siemens import eec
+from stepdiag.exporters.siemens.ini import switches_in
+from stepdiag.exporters.siemens.products import numbered
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table
+
+NAME = "READ_BACK.MPF"
+HELD = "STEPDIAG_BACK"
+_PATH = f"/_N_MPF_DIR/_N_{HELD}_MPF"
+_CEC_GRID = ("STEP", "MIN", "MAX", "DIRECTION", "MULT_BY_TABLE", "IS_MODULO")
+_EEC_GRID = ("STEP", "MIN", "MAX", "IS_MODULO")
+
+
+def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
+    """Return the part program for the tables of an export; it changes nothing in the control but the file that it writes."""
+    body = [line for table in numbered(tables) for line in _of_table(table, profile)]
+    head = [
+        f"; READ BACK: writes what the control holds into {HELD}.MPF; save that as {HELD}.INI for `stepdiag verify --read-back`",
+        "DEF INT FAULT", "DEF INT POINT", "DEF STRING[80] BACK",
+        f'BACK="{_PATH}"', "DELETE(FAULT,BACK)", "FAULT=0",
+    ]  # fmt: skip
+    end = [
+        'WRITE(FAULT,BACK,"M17")',
+        'MSG("WRITTEN")',
+        "M30",
+        "FULL:",
+        'MSG("THE FILE IS FULL: RAISE MD11420, RUN AGAIN")',
+        "M0",
+        "M30",
+        "",
+    ]
+    return ControlFile(name=NAME, data="\n".join([*head, *body, *end]).encode("ascii"), role="program")
+
+
+def _of_table(table: Table, profile: Profile) -> Iterator[str]:
+    """Yield the lines that write one table: points, grid, axes, switches."""
+    if table.kind == eec.KIND:
+        system, axis = int(table.place["measuring system"]) - 1, table.place["axis"]
+        yield from _points(f"$AA_ENC_COMP[{system},", f",{axis}]", table)
+        names = [*(f"$AA_ENC_COMP_{name}[{system},{axis}]" for name in _EEC_GRID), f"$MA_ENC_COMP_ENABLE[{system},{axis}]"]
+    else:
+        index, output = table.place["table"], profile.axis(table.output_axis).name
+        yield from _points(f"$AN_CEC[{index},", "]", table)
+        for name in ("INPUT_AXIS", "OUTPUT_AXIS"):
+            variable = f"$AN_CEC_{name}[{index}]"
+            yield _write(f'"{variable}=("<<AXSTRING({variable})<<")"')
+        names = [f"$AN_CEC_{name}[{index}]" for name in _CEC_GRID]
+        names += [f"$SN_CEC_TABLE_ENABLE[{index}]", f"$SN_CEC_TABLE_WEIGHT[{index}]", f"$MA_CEC_ENABLE[{output}]"]
+    for name in names:
+        yield _write(f'"{name}="<<{name}')
+    yield "IF FAULT<>0 GOTOF FULL"
+
+
+def _points(before: str, after: str, table: Table) -> tuple[str, ...]:
+    text = f'"{before}"<<POINT<<"{after}="<<{before}POINT{after}'
+    return (f"FOR POINT=0 TO {len(table.position_mm) - 1}", _write(text), "IF FAULT<>0 GOTOF FULL", "ENDFOR")
+
+
+def _write(text: str) -> str:
+    return f"WRITE(FAULT,BACK,{text})"
+
+
+def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
+    """Return what the switches and weights are once the loading programs have run, by variable with its index."""
+    wanted = {}
+    for table in numbered(tables):
+        if table.kind == eec.KIND:
+            wanted[f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"] = "1"
+        else:
+            index = table.place["table"]
+            wanted |= {f"SN_CEC_TABLE_ENABLE[{index}]": "1", f"SN_CEC_TABLE_WEIGHT[{index}]": "1"}
+            wanted[f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]"] = "1"
+    return wanted
+
+
+def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
+    """Return what files hold of switches and weights, TRUE and FALSE as 1 and 0."""
+    return {name: {"TRUE": "1", "FALSE": "0"}.get(value, f"{float(value):g}") for name, value in switches_in(files).items()}

@@ -1,0 +1,50 @@
+"""Whether a given angular function has the wrong sign, asked before any reading is held to be wrong.
+
+A function of the other sign is one linear change of what the readings should be, so its size is estimated before it is tested: 1 where the
+sign is wrong, 0 where it is right. A fault of readings has some other size, and is looked for afterwards, with the signs that are right.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag.base.volume import Vector
+from stepdiag.solver.linear.components import likelier
+from stepdiag.solver.linear.fit import refit
+from stepdiag.solver.linear.mixed import MixedFit
+
+LEAST, MOST = 0.6, 1.6
+"""Sizes between which the other sign is meant, beside what is wrong as well."""
+
+
+def wrong_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) -> list[str]:
+    """Return the functions whose other sign makes the readings likelier, each by more than ``better``; their sizes are found together.
+
+    ``turned`` holds for each function by what its other sign changes the target of the fit, shape (rows,); the sizes of all causes stay.
+    """
+    names = [name for name in turned if _square(current, turned[name]) > better]
+    target = current.fixed.target
+    while names:
+        changes = [turned[name] for name in names]
+        # the form of two changes by the squares of their sum and difference
+        form = np.array([[_square(current, one + two) - _square(current, one - two) for two in changes] for one in changes]) / 4.0
+        against = np.array([_square(current, target + one) - _square(current, target - one) for one in changes]) / 4.0
+        sizes = -np.linalg.lstsq(form, against, rcond=None)[0]
+        meant = [name for name, size in zip(names, sizes.tolist(), strict=True) if LEAST <= size <= MOST]
+        if len(meant) == len(names):
+            break
+        names = meant
+    whole = _of(current, target + sum(turned[name] for name in names))
+    return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > better]
+
+
+def _square(current: MixedFit, target: Vector) -> float:
+    return _of(current, target).chi_square
+
+
+def _of(current: MixedFit, target: Vector) -> MixedFit:
+    before = current.fixed
+    fixed = refit(before.rows, target, before.weight, before.inverse)
+    causes = replace(current.causes, shown=current.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual))
+    return MixedFit(fixed, causes, current.size)

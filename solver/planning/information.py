@@ -1,0 +1,224 @@
+"""What each setup of a survey tells of the machine, as a matrix that adds up: a plan is a sum of them.
+
+A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` is what all setups share (displacements at
+the nodes, amplitudes of the angular functions, backlash at first stops, the wavelength, the material), ``f`` what a setup has of its own
+and nobody knows (zero of each count, lean of the mirror, drift between a way out and its way back), ``c`` what it has of its own with a
+usual size (drift, wander, scale of the setup, misses of the moves, waves between the nodes), ``e`` noise of variance ``1 / w``. With ``W
+= [N P]`` and the precision D of its unknowns (nothing for f, 1 / size^2 for c) the information of a setup on m is (Schur complement of
+its own unknowns, Searle, Casella, McCulloch 1992, 7.4)
+
+    J = A' w A - A' w W (W' w W + D)^-1 W' w A
+
+No two setups share any of f, c, e, so that J adds over setups and is worked out once for each. With the precision Q of what is usual for a
+machine of its class the covariance of m is ``C = (J_1 + J_2 + .. + Q)^-1``: one inversion of some 190 unknowns, a millisecond, tells what a
+survey leaves. Q holds every function to nothing within its usual size, so a further setup never makes C larger.
+
+The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square ``tr(C H) + floor`` with ``H = K F F' K'``. A
+control with nine tables corrects only what depends on one axis: with the projection T of a field on what tables hold, ``H = K F T F'
+K'``, and the floor is what the usual angular functions leave beside it, whatever is driven. A lattice has no floor.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.field import rigid_motions
+from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS
+from stepdiag.base.volume import Vector, Volume, anywhere_mm
+from stepdiag.solver.adjustment.scatter import Scatter
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.between import between_of, effect_between
+from stepdiag.solver.model.design import Design, Model, build_design
+from stepdiag.solver.model.effects import FIRST_STOPS, GROWTH, TURNING, AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.reported import reported
+from stepdiag.solver.uncertainty.machine import Machine, fields_um, machine_of, over_volume, usual_names, usual_rows
+
+Aim = Literal["lattice", "tables"]
+Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
+"""The effects that all setups share beside the angles, and how many causes they have where nothing shows them."""
+_FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
+"""Precision of what nobody knows: it makes a matrix regular and says nothing; and sizes of
+displacements that say as little: beside the larger rounding is 1e-8."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """The information of the setups of a layout in its order, shape (setups, q, q), and what its unknowns mean."""
+
+    each: Vector
+    design: Design
+    shapes: AngleShapes
+    assumed: Assumptions
+
+
+def told(layout: Layout, chain: str, assumed: Assumptions) -> Told:
+    """Return what each setup of a layout tells. Raises ``UsageError`` for a chain that is none."""
+    design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
+    shapes = angle_shapes(layout, {}, assumed)
+    effects = (*effects_of(layout, chain, shapes, assumed), effect_between(layout, between_of(layout)))
+    weight = 1.0 / Scatter.assumed(layout, assumed).u_um(layout) ** 2
+    common = _common(layout, effects)
+    own = np.hstack([effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)])
+    rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
+    each = [_information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um) for mine in rows]
+    return Told(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
+
+
+def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
+    """Return the patterns of what all setups share, shape (m, causes): the angles first."""
+    patterns = {effect.name: effect.pattern_um for effect in effects}
+    turning = [patterns[name] for name in TURNING if name in patterns]
+    return np.hstack([*turning, *(patterns.get(name, np.zeros((len(layout), count))) for name, count in COMMON.items())])
+
+
+def _information(design: Design, mine: NDArray[np.int64], common: Vector, own: Vector, weight: Vector, repeatability_um: float) -> Vector:
+    machine, rows = design.columns.machine, design.rows.select(mine)
+    used = np.unique(rows.column[(rows.value != 0) & (rows.column >= machine)])
+    place = np.zeros(design.columns.count, dtype=np.int64)
+    place[:machine], place[used] = np.arange(machine), machine + np.arange(len(used))
+    dense = np.zeros((len(mine), machine + len(used)))
+    np.add.at(dense, (np.arange(len(mine))[:, None], place[rows.column]), rows.value)
+    own = own[:, np.any(own, axis=0)]
+    shared, alone = np.hstack([dense[:, :machine], common]), np.hstack([dense[:, machine:], own])
+    misses = used >= design.columns.miss
+    precision = np.concatenate([np.where(misses, repeatability_um**-2 if misses.any() else _FREE, _FREE), np.ones(own.shape[1])])
+    weighted = shared * weight[:, None]
+    across = alone.T @ weighted
+    square = alone.T @ (alone * weight[:, None]) + np.diag(precision)
+    matrix: Vector = shared.T @ weighted - across.T @ np.linalg.solve(square, across)
+    return 0.5 * (matrix + matrix.T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Machinery:
+    """What the unknowns of `told` are to a machine: its values ``K m``, the error over the volume, and what is usual.
+
+    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) F, projected on what the aim's tables hold; ``floor_um`` what
+    these cannot. ``usual`` (r, q) are combinations that are nothing within ``usual_u`` (r,) by ``usual_names``; ``causes`` (q,) the
+    precision of all that has a size of its own, 0 for displacements; ``turning`` (q,) tells which of these are angles.
+    """
+
+    machine: Machine
+    values: Vector
+    fields: Vector
+    floor_um: float
+    usual: Vector
+    usual_names: tuple[str, ...]
+    usual_u: Vector
+    causes: Vector
+    turning: NDArray[np.bool_]
+
+    def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
+        """Return Q for other usual sizes and angles larger by a factor, shape (q, q)."""
+        scaled = self.usual / (self.usual_u if u is None else u)[:, None]
+        # how the machine as a whole is turned no reading tells and no figure counts: it may be anything
+        of_causes = _ANY_TURN_UM**-2 * (self.causes == 0.0) + self.causes / np.where(self.turning, angles, 1.0) ** 2
+        matrix: Vector = scaled.T @ scaled + np.diag(of_causes)
+        return matrix
+
+    @property
+    def seen(self) -> Vector:
+        """Return H over the number of points, shape (q, q): ``tr(C H)`` is a mean square over the volume."""
+        across = self.values.T @ self.fields
+        matrix: Vector = across @ across.T * 3.0 / self.fields.shape[1]
+        return matrix
+
+    def over(self, information: Vector, precision: Vector) -> tuple[float, float]:
+        """Return root mean square over the volume of what is not known, in um, and its degrees of freedom."""
+        covariance = self.values @ inverse(information + precision) @ self.values.T
+        return over_volume(0.5 * (covariance + covariance.T), self.fields)
+
+
+def inverse(matrix: Vector) -> Vector:
+    """Return the inverse of a positive definite matrix."""
+    found = np.linalg.inv(matrix)
+    symmetric: Vector = 0.5 * (found + found.T)
+    return symmetric
+
+
+def machinery(found: Told, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
+    """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts, all of it without one."""
+    design, shapes, assumed = found.design, found.shapes, found.assumed
+    turning = len(shapes.names) * (shapes.waves + 1)
+    displacements = design.columns.machine
+    machine = machine_of(design, shapes, 0, turning)
+    rest = np.zeros((len(machine.names), found.each.shape[1] - displacements - turning))
+    values = np.hstack([machine.combination.dense()[:, :displacements], machine.on_causes, rest])
+    names = reported(design)
+    rows, u = usual_rows(names, dict.fromkeys(names.names, False), assumed)
+    usual = np.hstack([rows.dense()[:, :displacements], np.zeros((len(rows), turning + rest.shape[1]))])
+    fields, angular = _fields(machine.names, tuple(machine.node.tolist()), design.volume, design.chain, aim, zone)
+    size = machine.on_causes @ machine.on_causes.T
+    return Machinery(
+        machine=machine,
+        values=values,
+        fields=fields,
+        floor_um=over_volume(size, angular)[0] if aim == "tables" else 0.0,
+        usual=usual,
+        usual_names=usual_names(names, dict.fromkeys(names.names, False), assumed),
+        usual_u=u,
+        causes=np.concatenate([np.zeros(displacements), np.ones(turning + rest.shape[1])]),
+        turning=np.concatenate([np.zeros(displacements), np.ones(turning), np.zeros(rest.shape[1])]) > 0,
+    )
+
+
+@lru_cache(maxsize=8)
+def _fields(
+    names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str, aim: Aim, zone: Zone | None
+) -> tuple[Vector, Vector]:
+    """Return what one unit of each value does to the error at the points, rigid motion removed, as far as the aim corrects it, and the
+    rest of it, shapes (k, 3 points)."""
+    points = anywhere_mm(volume)
+    machine = Machine(
+        names=names,
+        node=np.array(node),
+        combination=Rows(np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)), 0),
+        on_causes=np.zeros((0, 0)),
+    )
+    whole = fields_um(machine, volume, chain).reshape(len(names), -1, 3)
+    inside = np.ones(len(points), dtype=np.bool_)
+    for axis, (low, high) in enumerate(zone or ()):
+        inside &= (points[:, axis] >= low) & (points[:, axis] <= high)
+    motions = rigid_motions(volume, points[inside])
+    flat = whole[:, inside].reshape(len(names), -1)
+    free = flat - (flat @ motions) @ motions.T
+    if aim == "lattice":
+        return free, np.zeros_like(free)
+    by_axis = free[np.isin(np.array(names), (*DISPLACEMENTS, *SQUARENESS))]
+    _, size, held = np.linalg.svd(by_axis, full_matrices=False)
+    held = held[size > 1e-9 * size[0]]
+    tables: Vector = (free @ held.T) @ held
+    return tables, free - tables
+
+
+def determined(found: Told, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
+    """Return by name whether a survey determines a quantity, and better than it is ``usual``, were the angles known.
+
+    In um, urad, um/m. Where displacements may be anything, what no setup tells is uncertain by as much.
+    """
+    names, displacements = reported(found.design), found.design.columns.machine
+    own = information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2
+    square = _variances(names.combination.dense()[:, :displacements], inverse(own))
+    return {name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2) for name in names.groups}
+
+
+def uncertainties(found: Told, information: Vector, of: Machinery) -> dict[str, float]:
+    """Return by name the root mean square of the standard uncertainty over a function's nodes, from the readings and the usual sizes of
+    causes alone."""
+    names, displacements = reported(found.design), found.design.columns.machine
+    precision = of.precision(np.full(len(of.usual_u), np.inf))
+    covariance = inverse(information + precision)[:displacements, :displacements]
+    square = _variances(names.combination.dense()[:, :displacements], covariance)
+    return {name: float(np.sqrt(np.mean(square[names.of(name)]))) for name in names.groups}
+
+
+def _variances(rows: Vector, covariance: Vector) -> Vector:
+    found: Vector = np.maximum(np.sum((rows @ covariance) * rows, axis=1), 0.0)
+    return found

@@ -1,0 +1,280 @@
+"""The best surveys for any time, by exchange: a line more, a line less, one in place of another (Fedorov 1972, Cook and Nachtsheim 1980).
+
+What a line tells adds up (`solver.planning.information`), so that the search is in the choice of lines alone. Where C is the covariance
+of the unknowns without a line of information ``B B'``, it lowers the mean square ``tr(C H)`` over the volume by
+
+    tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B where it is taken away)
+
+which is worked out for all lines that are on offer at once. Minutes are those of the user: the first line of a setup costs its setting
+up, a further one of the same travel the shift. How often, in which orders of axes and how finely all lines are driven is chosen for the
+lines that are found, and the exchange goes on from there. Lines are weighed on few increments (`COARSE`): which of them are best does not
+depend on how fine they are.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings, run_minutes, setup_minutes
+from stepdiag.base.setups import DRIVEN_SETUPS, FACE_DIAGONALS, setup_of
+from stepdiag.base.volume import Vector, Volume
+from stepdiag.solver.linear.families import hidden_factors
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.foresight import Foresight, bent_um
+from stepdiag.solver.planning.information import inverse
+
+COARSE, MIDDLE = 6, 10
+INCREMENTS = range(8, 21)
+"""Numbers of increments on offer; fewer leave too much between the targets, more gain nothing."""
+ORDERS = ("xyz", "yzx", "zxy")
+"""Of repeats in turn: alternating costs nothing and tells more of the angles (theory 5.2)."""
+LEAST_MISSED = 6
+"""So many lines, those that are missed least, are tried without in each exchange."""
+LEAST_GAIN = 3e-3
+"""Of the figure: an exchange that gains less is none."""
+_TOLD = 1e-3
+"""Precision (1 / um^2) below which a line tells next to nothing beside what is usual: 30 um."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ways:
+    """How all lines of a survey are driven."""
+
+    repeats: int
+    return_pass: bool
+    axis_orders: tuple[str, ...]
+
+    def of(self, run: Run) -> Run:
+        """Return a run driven so."""
+        orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
+        return replace(run, repeats=self.repeats, return_pass=self.return_pass, axis_orders=orders)
+
+
+EVERY_WAY = tuple(
+    Ways(repeats=repeats, return_pass=back, axis_orders=ORDERS[:repeats] if repeats > 1 else ())
+    for repeats, back in ((1, False), (1, True), (2, False), (3, False), (2, True))
+)
+
+
+def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
+    """Return every line that may be driven, once and one way: body diagonals and their shifts, face diagonals at the low end, in the middle
+    and at the high end of the axis that stands, runs along all four edges; those of the head where there is one."""
+    size = np.array(survey.volume.size_mm)
+    lines: list[tuple[str, tuple[float, float, float]]] = []
+    for name in BODY_DIAGONALS:
+        lines += [(name, shift) for shift in ((0.0, 0.0, 0.0), *_shifts(about))]
+    for name in FACE_DIAGONALS:
+        stands = np.array(setup_of(name).signs) == 0
+        lines += [(name, _triple(share * size * stands)) for share in (0.0, 0.5, 1.0)]
+    for name in LINEAR_RUNS:
+        first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
+        lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
+    lines += [(name, (0.0, 0.0, 0.0)) for name in (FOURDOF_RUNS if about.head else ())]
+    targets = max((run.targets for run in survey.runs), default=0)
+    runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets) for name, offset in lines]
+    return tuple(dict.fromkeys(run for run in runs if _travels(survey.volume, run)))
+
+
+def _travels(volume: Volume, run: Run) -> bool:
+    """Tell whether the volume has every axis that a run travels."""
+    return all(has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True))
+
+
+def _shifts(about: Circumstances) -> Iterator[tuple[float, float, float]]:
+    for size_mm in dict.fromkeys((about.shift_mm / 3.0, about.shift_mm)):
+        for axis in range(len(AXES)):
+            yield _triple(size_mm * np.eye(3)[axis])
+
+
+def _triple(values: Vector) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 6) for value in values)
+    return x, y, z
+
+
+def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
+    """Return the plan that drives lines, those of one travel after the other; lines beside the usual one are numbered."""
+    runs: list[Run] = []
+    number: dict[str, int] = {}
+    for run in sorted(lines, key=lambda run: (DRIVEN_SETUPS.index(setup_of(run.setup).base), run.beam_offset_mm)):
+        base = setup_of(run.setup).base
+        number[base] = number.get(base, 0) + any(run.beam_offset_mm)
+        runs.append(ways.of(replace(run, setup=setup_of(base).shifted(number[base] if any(run.beam_offset_mm) else 0))))
+    return replace(survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments))
+
+
+class Exchange:
+    """What the lines on offer tell where they are driven in one way, and the search among them."""
+
+    def __init__(self, survey: Plan, about: Circumstances, lines: Sequence[Run], ways: Ways) -> None:
+        self._survey, self._about, self._ways = replace(survey, runs=()), about, ways
+        self.lines = tuple(lines)
+        coarse = replace(survey.volume, increments=COARSE)
+        laser = [run for run in lines if not run.is_fourdof]
+        named = [replace(ways.of(run), setup=f"{run.setup}+{place + 1}", targets=0) for place, run in enumerate(laser)]
+        layout = lay_out(perfect_readings(Plan(volume=coarse, runs=tuple(named)), about.assumed.reading_um), "plan", coarse)
+        self._ahead = Foresight(layout=layout, chain=about.chain, assumed=about.assumed, increments=COARSE, aim=about.aim, zone=about.zone)
+        each = dict(zip((setup.name for setup in layout.setups), self._ahead.told.each, strict=True))
+        names = iter(run.setup for run in named)
+        nothing = np.zeros_like(self._ahead.told.each[0])
+        self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
+        self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
+        self._head = np.array([run.is_fourdof for run in lines])
+        self._usual, self._seen = self._ahead.of.precision(), self._ahead.of.seen
+        self._setting_min = np.array([setup_minutes(self._survey, run) for run in lines])
+        self._driving_min: dict[int, Vector] = {}
+
+    def _driving(self, increments: int) -> Vector:
+        if increments not in self._driving_min:
+            timed = replace(self._survey, volume=replace(self._survey.volume, increments=increments))
+            minutes = np.array([run_minutes(timed, self._ways.of(run)) for run in self.lines])
+            self._driving_min[increments] = minutes - self._setting_min
+        return self._driving_min[increments]
+
+    def beside_um2(self, increments: int) -> float:
+        """Return the mean square that no line lowers: what tables leave between targets, waves that none shows, the aim's floor."""
+        hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
+        return hidden**2 + bent_um(self._about.assumed, increments) ** 2 + self._ahead.of.floor_um**2
+
+    @cached_property
+    def _factors(self) -> Vector:
+        """Return B of every line, shape (lines, q, r)."""
+        value, vector = np.linalg.eigh(self._each)
+        most = int(np.max(np.sum(value > _TOLD, axis=1), initial=1))
+        kept: Vector = vector[:, :, -most:] * np.sqrt(np.maximum(value[:, None, -most:], 0.0))
+        return kept
+
+    def minutes(self, chosen: Sequence[int], increments: int) -> float:
+        """Return how long lines take."""
+        some = list(chosen)
+        bases, first = np.unique(self._base[some], return_index=True)
+        shifts = len(some) - len(bases)
+        setting = float(np.sum(self._setting_min[some][first])) + shifts * self._survey.pace.beam_shift_min
+        return float(np.sum(self._driving(increments)[some])) + setting
+
+    def _fitting(self, chosen: Sequence[int], increments: int, limit_min: float) -> NDArray[np.int64]:
+        """Return the further lines that fit into a time beside some."""
+        some = list(chosen)
+        setting = np.where(np.isin(self._base, self._base[some]), self._survey.pace.beam_shift_min, self._setting_min)
+        fits = self.minutes(some, increments) + setting + self._driving(increments) <= limit_min
+        fits[some] = False
+        return np.flatnonzero(fits)
+
+    def _covariance(self, chosen: Sequence[int]) -> Vector:
+        some = list(chosen)
+        precision = self._usual + np.sum(self._each[some], axis=0)
+        measured = [self.lines[place] for place in some if self._head[place]]
+        return inverse(precision + np.diag(_known_angles(self._ahead, self._about, measured)) if measured else precision)
+
+    def square_um2(self, chosen: Sequence[int]) -> float:
+        """Return the mean square over the volume of what lines leave, without what no line lowers."""
+        return float(np.sum(self._covariance(chosen) * self._seen))
+
+    def _changed(self, chosen: Sequence[int], lines: NDArray[np.int64], sign: float) -> Vector:
+        """Return the mean square with each of some further lines (``sign`` +1) or without each of those chosen (-1), shape (lines,)."""
+        covariance, factors = self._covariance(chosen), self._factors[lines]
+        moved = covariance @ factors
+        inner = np.eye(moved.shape[2]) + sign * (np.swapaxes(factors, 1, 2) @ moved)
+        outer = np.swapaxes(moved, 1, 2) @ (self._seen @ moved)
+        gain = np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2)
+        found: Vector = float(np.sum(covariance * self._seen)) - sign * gain
+        for place in np.flatnonzero(self._head[lines]):
+            line = int(lines[place])
+            found[place] = self.square_um2([*chosen, line] if sign > 0 else [other for other in chosen if other != line])
+        return found
+
+    def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
+        """Return the lines that exchanges make of some, within a time; each exchange is the one that gains most."""
+        now, beside = list(chosen), self.beside_um2(increments)
+        square = self.square_um2(now)
+        while True:
+            best = ((square + beside) * (1.0 - LEAST_GAIN) - beside, now)
+            missed = np.argsort(self._changed(now, np.array(now), -1.0), kind="stable")[:LEAST_MISSED] if now else ()
+            for left in (now, *(now[:place] + now[place + 1 :] for place in missed)):
+                fitting = self._fitting(left, increments, limit_min)
+                if len(fitting) and (found := self._changed(left, fitting, 1.0)).min() < best[0]:
+                    # of lines that are as good the plainest, which is offered first
+                    first = int(np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0])))
+                    best = (float(found[first]), [*left, int(fitting[first])])
+            if best[1] is now:
+                return now
+            square, now = best
+
+    @cached_property
+    def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
+        """Return every choice of the lines without a shift along diagonals of the body and first edges, with what it leaves, the best
+        first."""
+        plain = [
+            place for place, run in enumerate(self.lines) if run.setup in (*BODY_DIAGONALS, *LINEAR_RUNS) and not any(run.beam_offset_mm)
+        ]
+        choices = [tuple(place for bit, place in enumerate(plain) if number >> bit & 1) for number in range(2 ** len(plain))]
+        return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
+
+    def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
+        """Return the best choice of lines without a shift within a time; none where none fits."""
+        return next((choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min), ())
+
+
+def _increments(survey: Plan, about: Circumstances) -> list[int]:
+    """Return how finely the volume may be cut: into steps of whole micrometres, as programs state them, that are in step with no screw
+    where its runs have no targets of their own. Where no number fulfils both, the first; where none does that, what is planned."""
+    size = np.array(survey.volume.size_mm)
+    whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
+    own = any(run.targets for run in survey.runs)
+    return [n for n in whole if own or n not in about.in_step] or whole or [survey.volume.increments]
+
+
+class Search:
+    """The best surveys of a volume: each time that is asked for starts from the best of the plain lines and from the survey found
+    before."""
+
+    def __init__(self, survey: Plan, about: Circumstances) -> None:
+        self._survey, self._about = survey, about
+        self.lines = offered(survey, about)
+        self._made: dict[Ways, Exchange] = {}
+        allowed = _increments(survey, about)
+        self._middle, self._finest = min(allowed, key=lambda n: abs(n - MIDDLE)), allowed[-1]
+        self._before: tuple[Sequence[int], Ways] = ((), EVERY_WAY[0])
+
+    def driven(self, ways: Ways) -> Exchange:
+        """Return what the lines tell where all are driven in one way."""
+        if ways not in self._made:
+            self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
+        return self._made[ways]
+
+    def within(self, limit_min: float) -> Plan | None:
+        """Return the best survey within a time, None where not even one line fits."""
+        plain = self.driven(EVERY_WAY[0])
+        starts = [(plain.start(n, limit_min), EVERY_WAY[0], n) for n in (self._middle, self._finest)]
+        found = [one for start, ways, n in (*starts, (*self._before, self._finest)) for one in self._from(start, ways, n, limit_min)]
+        if not found:
+            return None
+        _, lines, ways, increments = min(found, key=lambda one: one[0])
+        self._before = (lines, ways)
+        return survey_of(self._survey, [self.lines[place] for place in lines], ways, increments)
+
+    def _from(self, start: Sequence[int], ways: Ways, increments: int, limit_min: float) -> Iterator[tuple[float, list[int], Ways, int]]:
+        """Yield what exchange makes of lines, the best way to drive these, and what exchange makes of them so."""
+        chosen = self.driven(ways).improved(start, increments, limit_min)
+        for _ in range(2):
+            others = [one for one in EVERY_WAY if chosen and self.driven(one).minutes(chosen, increments) <= limit_min]
+            if not others:
+                return
+            best = min(others, key=lambda one: self.driven(one).square_um2(chosen))
+            chosen = self.driven(best).improved(chosen, increments, limit_min)
+            yield self.driven(best).square_um2(chosen) + self.driven(best).beside_um2(increments), chosen, best, increments
+
+
+def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
+    """Return the precision that runs of a head give pitch and yaw beside what is usual, by unknown."""
+    shapes, added = ahead.told.shapes, np.zeros(len(ahead.of.causes))
+    first = int(np.argmax(ahead.of.turning))
+    known = about.head_ranges_urad(runs)
+    for name in shapes.names:
+        if name in known:
+            added[first + shapes.causes_of(name)] = (shapes.range_of(name) / known[name]) ** 2 - 1.0
+    return added

@@ -1,0 +1,59 @@
+"""What differs between operating systems, in one place: locks, folders on the disk, a process's priority.
+
+Recording needs Linux. Commands that work on files alone run wherever Python does: what a system has not is left out here, and where that
+costs something the function names it.
+"""
+
+import errno
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+LINUX = sys.platform == "linux"
+NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""How a new file is opened whose bytes are written as they are: without O_BINARY Windows puts a return before each line feed."""
+_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
+FOLDERS_OPEN = hasattr(os, "O_DIRECTORY")
+"""Whether this system opens folders, to lock them and to have their names on the disk."""
+
+
+def sync_file(descriptor: int) -> None:
+    """Have the bytes of a file on the disk. Raises OSError."""
+    getattr(os, "fdatasync", os.fsync)(descriptor)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk. Raises OSError. Windows opens no folder: there the file system's journal has to do."""
+    if FOLDERS_OPEN:
+        handle = os.open(folder, _FOLDER)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def lock(descriptor: int, *, shared: bool = False) -> None:
+    """Lock an open file or folder for this process.
+
+    Raises BlockingIOError where another process holds it, OSError where the file system or the operating system has no such locks.
+    """
+    if fcntl is None:
+        raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
+    fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+
+
+def open_folder(folder: Path) -> int:
+    """Return a descriptor of a folder, of no link to one. Raises OSError, as Windows does for every folder."""
+    return os.open(folder, _FOLDER | getattr(os, "O_NOFOLLOW", 0))
+
+
+def nice(steps: int) -> None:
+    """Make this process less important; where a sandbox or the operating system does not, it stays as it is."""
+    with suppress(OSError, AttributeError):
+        os.nice(steps)

@@ -1,0 +1,22 @@
+"""Sequences of a hasty engineer: none ends with exit code 0 and a machine that is worse than before."""
+
+from collections import Counter
+
+from testkit.exact.hasty import lived, stories
+
+
+def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
+    """Old tables, half switched, loaded twice or half, of another machine; those in which everything was right go through."""
+    quiet, stopped, refused = [], Counter(), []
+    for number, story in enumerate(stories()):
+        why, before, after = lived(story, number, tmp_path / f"{number}")
+        stopped[why] += 1
+        if not why and after > 1.02 * before + 0.3:
+            quiet.append(f"{story}: {before:.2f} -> {after:.2f} um")
+        right = story.on == "none" if story.stated == "off" else story.on == "all"
+        if why and right and story.done in ("whole", "twice"):
+            refused.append(f"{story}: {why}")
+    assert quiet == []
+    assert refused == []
+    assert sum(stopped.values()) >= 30
+    assert stopped["read back"] >= 5

@@ -1,0 +1,190 @@
+"""A hasty engineer at a machine with a SINUMERIK: what is measured, stated, exported, loaded and read back, and what the machine errs by.
+
+The control is `testkit.exact.sinumerik`; what its variables do to an axis is computed here from the manual's words alone (a positive value
+moves the axis in -, linear between points, end values held), so that no sign of the product can cancel itself.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from datetime import date
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.compensation import Statement, stated
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.sets import read_set
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.read_back import compare
+from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.tables.curves import FUNCTIONS
+from stepdiag.exporters.tables.profile import Profile
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
+from testkit.exact.sinumerik import Sinumerik
+
+Values = NDArray[np.float64]
+SIEMENS = controller_named("siemens")
+AXES = {"X": "AX1", "Y": "AX2", "Z": "AX3"}
+MACHINE_DATA = {
+    "$MN_SCALING_SYSTEM_IS_METRIC": "1", "$MA_CEC_SCALING_SYSTEM_METRIC": "1", "$MA_MM_ENC_COMP_MAX_POINTS": "30",
+    "$MN_MM_CEC_MAX_POINTS": "30", "$MA_CEC_MAX_SUM": "1",
+}  # fmt: skip
+SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ", "EZY", -1.0)}
+"""By contract 1: the function that holds a squareness, the other one of the pair, and the sign of their slopes."""
+DONE = ("whole", "twice", "half", "another machine", "old files again", "a switch forgotten")
+ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "travel-not-covered")
+"""What a hasty person accepts unread; nothing that asks about the compensation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Story:
+    """What stood in the control, which of it was on while measuring, what was stated of it, and what was done afterwards."""
+
+    old: bool
+    on: str = "none"
+    stated: str = "off"
+    done: str = "whole"
+
+    def __str__(self) -> str:
+        return f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}"
+
+
+@dataclass
+class Hall:
+    """A drawn machine with its control; errors in um at the nodes of the survey, slopes of the straightnesses within."""
+
+    seed: int
+    control: Sinumerik = field(default_factory=lambda: Sinumerik(machine=MACHINE_DATA))
+    truth: dict[str, Values] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.dice, along = np.random.default_rng((71, self.seed)), np.linspace(0.0, 1.0, 5)
+        for name in FUNCTIONS:
+            bow = 6.0 * self.dice.normal() * np.sin(np.pi * along) + 3.0 * self.dice.normal() * np.sin(2.0 * np.pi * along)
+            lean = 8.0 * self.dice.normal() if name[1] == name[2] or name in {held for held, _, _ in SQUARE.values()} else 0.0
+            self.truth[name] = bow + lean * along
+
+    def added_um(self, name: str) -> Values:
+        """Return what the control adds at the nodes, from its variables and switches."""
+        at = VOLUME.nodes_mm("XYZ".index(name[2]))
+        held, added = self.control.held, np.zeros(at.shape)
+        if name[1] == name[2] and held.get(f"$MA_ENC_COMP_ENABLE[0,{AXES[name[1]]}]") == "1":
+            added = added - self._table("$AA_ENC_COMP[0,{}," + AXES[name[1]] + "]", f"$AA_ENC_COMP_{{}}[0,{AXES[name[1]]}]", at)
+        if held.get(f"$MA_CEC_ENABLE[{AXES[name[1]]}]") == "1":
+            for index in range(12):
+                of = tuple(held.get(f"$AN_CEC_{what}_AXIS[{index}]", "").strip("()") for what in ("INPUT", "OUTPUT"))
+                if of == (AXES[name[2]], AXES[name[1]]) and held.get(f"$SN_CEC_TABLE_ENABLE[{index}]") == "1":
+                    weight = float(held.get(f"$SN_CEC_TABLE_WEIGHT[{index}]", "0"))
+                    added = added - weight * self._table(f"$AN_CEC[{index},{{}}]", f"$AN_CEC_{{}}[{index}]", at)
+        return added
+
+    def _table(self, value: str, grid: str, at: Values) -> Values:
+        low, high, step = (float(self.control.held.get(grid.format(name), "0")) for name in ("MIN", "MAX", "STEP"))
+        if step <= 0.0:
+            return 0.0 * at
+        points = low + step * np.arange(round((high - low) / step) + 1)
+        return np.interp(at, points, [1000.0 * float(self.control.held.get(value.format(n), "0")) for n in range(len(points))])
+
+    def errs_um(self) -> float:
+        """Return the rms of all functions, each about its mean; of two functions of a pair the common slope counts, no turn."""
+        left = {name: self.truth[name] + self.added_um(name) for name in FUNCTIONS}
+        for held, other, _ in SQUARE.values():
+            slopes = {name: (left[name][-1] - left[name][0]) / np.ptp(VOLUME.nodes_mm("XYZ".index(name[2]))) for name in (held, other)}
+            for name, turn in ((held, slopes[other]), (other, -slopes[other])):
+                at = VOLUME.nodes_mm("XYZ".index(name[2]))
+                left[name] = left[name] + turn * (at - at[0])
+        return float(np.sqrt(np.mean([np.var(values) for values in left.values()])))
+
+    def survey(self) -> Result:
+        """Return what a survey finds, with 0.3 um of noise."""
+        shapes, slopes = {}, {}
+        for name, error in self.truth.items():
+            found = error + self.added_um(name) + 0.3 * self.dice.normal(size=5)
+            found = found - found[0]
+            at = VOLUME.nodes_mm("XYZ".index(name[2]))
+            slopes[name] = found[-1] / np.ptp(at) if name[1] != name[2] else 0.0
+            shapes[name] = list(found - slopes[name] * (at - at[0]))
+        square = {name: sign * 1000.0 * (slopes[one] + slopes[other]) for name, (one, other, sign) in SQUARE.items()}
+        return made_result(shapes, squareness=square, u_um=0.3)
+
+    def switch(self, on: str) -> None:
+        """Switch kinds of table: "all", "eec", "cec", "none"."""
+        for name in list(self.control.held):
+            for kind, marks in (("eec", ("$MA_ENC_COMP_ENABLE",)), ("cec", ("$MA_CEC_ENABLE", "$SN_CEC_TABLE_ENABLE"))):
+                if name.startswith(marks):
+                    self.control.held[name] = "1" if on in ("all", kind) else "0"
+
+
+def stories() -> Iterator[Story]:
+    """Yield everything that a hasty person did: 34 sequences."""
+    for done in DONE:
+        yield Story(old=False, done=done)
+        for on, said in itertools.product(("none", "all", "eec", "cec"), ("off", "on")):
+            if done == "whole" or said == ("on" if on == "all" else "off"):
+                yield Story(old=True, on=on, stated=said, done=done)
+
+
+def lived(story: Story, seed: int, folder: Path) -> tuple[str, float, float]:
+    """Return what stopped a story ("" where nothing did, with exit code 0 to its end), and the true rms before and after in um."""
+    hall, base = Hall(seed), profile_of("siemens", VOLUME)
+    archive: tuple[ControlFile, ...] = ()
+    if story.old:
+        archive = _exported(hall.survey(), base, folder / "old")
+        size = float(np.exp(hall.dice.uniform(np.log(0.7), np.log(1.4))))
+        _load(hall, archive)
+        hall.truth = {name: size * error for name, error in hall.truth.items()}
+        hall.switch("all")
+    before = hall.errs_um()
+    hall.switch(story.on)
+    measured, data = hall.survey(), tuple(file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name)
+    hall.switch("all")
+    profile = replace(base, existing=data, machine=msgspec.structs.replace(base.machine, measured_with=story.stated))
+    said = (
+        stated("on", {file.name: file.data for file in data}, date(2026, 6, 1), "archive")
+        if story.stated == "on"
+        else Statement(state="off")
+    )
+    measured = replace(measured, survey=said.facts(Facts(machine="test machine")))
+    try:
+        files = _exported(measured, profile, folder / "new")
+    except StepdiagError as error:
+        return f"export: {getattr(error, 'code', 'refused')}", before, before
+    if story.done == "another machine":
+        files = _exported(Hall(seed + 1000).survey(), base, folder / "other")
+    tables = [file for file in files if file.name.endswith(".INI") and "RESTORE" not in file.name]
+    if not verify_files(measured, tables, profile).right:
+        return "verify", before, before
+    _load(hall, archive if story.done == "old files again" and archive else files, half=story.done == "half")
+    if story.done == "twice":
+        _load(hall, files)
+    if story.done == "a switch forgotten":
+        hall.control.held["$SN_CEC_TABLE_ENABLE[2]"] = "0"
+    (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
+    hall.control.run(reader.data.decode("ascii"))
+    held = ControlFile(name="STEPDIAG_BACK.INI", data=hall.control.read_out().encode("ascii"))
+    if compare(SIEMENS, tables, [held], profile).findings:
+        return "read back", before, hall.errs_um()
+    return "", before, hall.errs_um()
+
+
+def _exported(result: Result, profile: Profile, folder: Path) -> tuple[ControlFile, ...]:
+    export(result, "siemens", profile, accept=ACCEPTED, out_dir=folder)
+    return read_set(folder)
+
+
+def _load(hall: Hall, files: tuple[ControlFile, ...], *, half: bool = False) -> None:
+    """Run the loading programs; ``half`` leaves the second one in its middle."""
+    programs = [file for file in files if file.name.startswith("LOAD") and "RESTORE" not in file.name]
+    for number, file in enumerate(sorted(programs, key=lambda file: file.name, reverse=True)):
+        text = file.data.decode("ascii")
+        hall.control.stop_after = len(text.splitlines()) // 2 if half and number == 0 else None
+        hall.control.run(text)
+        hall.control.stop_after = None

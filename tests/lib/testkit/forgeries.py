@@ -1,0 +1,64 @@
+"""What a forger does: a bit, a column of a table, with everything else kept."""
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+
+@contextmanager
+def flipped(path: Path, rng: np.random.Generator) -> Iterator[None]:
+    """Flip one bit of a file, and put the file back."""
+    whole = path.read_bytes()
+    data = bytearray(whole)
+    data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+    path.write_bytes(data)
+    try:
+        yield
+    finally:
+        path.write_bytes(whole)
+
+
+def table_of_ours(path: Path) -> pa.Table:
+    """Return a table of the store with its words as they are stored."""
+    words = [field.name for field in pq.read_schema(path) if pa.types.is_string(field.type)]
+    return pq.ParquetFile(path, read_dictionary=words).read()
+
+
+def edited_table(
+    path: Path, column: str, edit: Callable[[list[Any]], Sequence[Any]] = list, *, statistics: bool | list[str] = False
+) -> None:
+    """Change a column of a Parquet file; its marks stay. ``statistics`` are the columns for which the file states least and largest."""
+    table, known = table_of_ours(path), pq.read_metadata(path).metadata
+    at = table.schema.get_field_index(column)
+    table = table.set_column(at, table.schema.field(at), [pa.array(edit(table[column].to_pylist()), table.schema.field(at).type)])
+    out = io.BytesIO()
+    with pq.ParquetWriter(
+        out, table.schema, compression="zstd", compression_level=9, write_statistics=statistics or ["time"], store_schema=False
+    ) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({name: value for name, value in known.items() if name != b"ARROW:schema"})
+    path.write_bytes(out.getvalue())
+
+
+def signing_key(folder: Path) -> tuple[Path, Path]:
+    """Make a key and its certificate by hand, as a laboratory's office does with its own."""
+    from datetime import UTC, datetime, timedelta
+
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name, now = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]), datetime.now(UTC)
+    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key()).serial_number(1)
+    made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(now + timedelta(days=1))
+    pem = serialization.Encoding.PEM
+    (folder / "key.pem").write_bytes(key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()))
+    (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
+    return folder / "key.pem", folder / "cert.pem"

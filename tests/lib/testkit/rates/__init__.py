@@ -1,0 +1,1 @@
+"""Counts that a benchmark prints for many machines and a test holds for few."""

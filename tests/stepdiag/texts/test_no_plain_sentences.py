@@ -1,0 +1,66 @@
+"""Findings and refusals below the command line are made of messages: a text of an error is a name, a value or a path."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from stepdiag.texts.patterns import sentences
+
+ROOT = Path(__file__).parents[3]
+FLOORS = ("daq", "solver", "exporters", "stepdiag/base", "stepdiag/checking", "stepdiag/page", "stepdiag/certificate", "stepdiag/fourdof")
+MADE_BY = {"require", "UsageError", "DataError", "DeviceError", "SafetyError", "refuse", "finding", "Finding"}
+SENTENCE = re.compile(r"[a-z]{2,} [a-z]{2,}")
+
+
+def sentences_of(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and text of every argument of a finding or an error that is a sentence and no message."""
+    for call in ast.walk(tree):
+        if isinstance(call, ast.Call) and _name(call.func) in MADE_BY:
+            for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
+                yield from ((argument.lineno, text) for text in _texts(argument) if SENTENCE.search(text) and not text.startswith("--"))
+
+
+def _texts(node: ast.expr) -> Iterator[str]:
+    """Yield the texts that an expression may give, not those of a call, of a comparison or of a key."""
+    match node:
+        case ast.Constant(value=str(text)):
+            yield text
+        case ast.JoinedStr(values=parts):
+            yield "".join(part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else "X" for part in parts)
+        case ast.IfExp(body=first, orelse=second):
+            yield from (text for part in (first, second) for text in _texts(part))
+        case ast.BinOp(left=first, right=second):
+            yield from (text for part in (first, second) for text in _texts(part))
+        case ast.BoolOp(values=parts):
+            yield from (text for part in parts for text in _texts(part))
+
+
+def _name(function: ast.expr) -> str:
+    return function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
+
+
+def test_no_finding_and_no_refusal_is_a_plain_sentence() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for floor in FLOORS
+        for path in sorted((ROOT / floor).rglob("*.py"))
+        for line, text in sentences_of(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert found == []
+
+
+def test_the_search_finds_a_plain_sentence() -> None:
+    """In a constant, in a composed text and behind a condition."""
+    source = (
+        'DataError("a", expected=f"at most {n} rows", found=str(n))\nrefuse("an object" if a else "b", 1)\nfinding("info", message("a-b"))'
+    )
+    assert [line for line, _ in sentences_of(ast.parse(source))] == [1, 2]
+
+
+def test_every_key_of_the_catalogue_is_used() -> None:
+    """A key that no product code writes out is deleted; those of the operating system are made from its number (`system_words`)."""
+    paths = (path for floor in ("daq", "solver", "exporters", "stepdiag") for path in (ROOT / floor).rglob("*.py"))
+    source = "".join(path.read_text(encoding="utf-8") for path in paths)
+    used = set(re.findall(r'"([a-z0-9]+(?:-[a-z0-9]+)*(?:\.[a-z0-9-]+)?)"', source))
+    assert [key for key in sentences() if key not in used and not key.startswith("os-")] == []
