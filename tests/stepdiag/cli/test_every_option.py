@@ -246,6 +246,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "pack": {},
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
+    "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
     "begin": {},
     "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
