@@ -222,8 +222,9 @@ def verify(
     Files that were read out of the control after loading (--read-back) are compared with FILES, with switches and weights; exit code 5
     where one number differs.
     A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
+    So is a certificate in a PDF (FILE.pdf), whose pages are compared with a new print of the report.
     """
-    if result.suffix.lower() == ".xml":
+    if result.suffix.lower() in {".xml", ".pdf"}:
         verify_file(result, custody, key_certificate)
         return
     if custody or key_certificate is not None:

@@ -110,6 +110,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
             "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
+            "--letterhead": ["--letterhead", "paper.toml"], "--profile": ["--profile", "profile.toml"], "--pdf": ["--pdf", "c.pdf"],
         },
     ),
     "import": (
