@@ -269,7 +269,8 @@ def _canonical(data: bytes) -> str:
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
     """Return the result as it is solved again from its sources. Raises BrokenLinkError where they are others, or say something else."""
-    result, data = _read(path), read_bytes(path)
+    data = read_bytes(path)
+    result = parse_result(as_text(data, path.name), path.name)  # its hash is compared with the certificate's
     sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]
     if tuple(sources) != (result.sources or ()) or not sources:
         raise BrokenLinkError(message("custody-sources", name=path.name))
@@ -281,7 +282,7 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
     text = replace(solved, software=result.software).to_json()
     if not same_result(data, text.encode()):
         raise BrokenLinkError(message("custody-result", name=path.name))
-    return parse_result(as_text(data, path.name), path.name)
+    return result
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
