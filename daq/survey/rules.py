@@ -296,7 +296,7 @@ def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
         if name not in (*SWITCHED, *COUNTED):
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
-            yield refuse(source, field, message("either-expression-plc-signals", name=name), "both")
+            yield refuse(source, field, message("either-expression-plc-signals", name=name), message("both"))
         try:
             found = plc.expression(name, source)
         except UsageError as error:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.fleet import extra_needed
 
 JUDGED_WRONG = 5
@@ -19,26 +20,20 @@ def register(app: typer.Typer) -> None:
 
 
 def certificate(
-    result: Annotated[Path, typer.Argument(help="result.json, as `solve`, `replay` or `run` wrote it.")],
-    files: Annotated[list[Path] | None, typer.Argument(help="Compensation files, or the folder of an export.")] = None,
-    out: Annotated[Path, typer.Option(help="The certificate, FILE.xml.")] = Path("certificate.xml"),
-    laboratory: Annotated[
-        Path | None, typer.Option(help="Settings (TOML): laboratory, customer, item, persons and equipment (docs/laboratory.md).")
-    ] = None,
-    after: Annotated[Path | None, typer.Option("--as-left", help="The result of the survey after loading.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="The report that is handed over with it: named by its SHA-256.")] = None,
-    key: Annotated[Path | None, typer.Option(help="A private key (PEM): signs the certificate; needs stepdiag[certificate].")] = None,
-    key_certificate: Annotated[Path | None, typer.Option(help="The key's X.509 certificate (PEM).")] = None,
+    result: Path,
+    files: Annotated[list[Path] | None, typer.Argument()] = None,
+    out: Path = Path("certificate.xml"),
+    laboratory: Path | None = None,
+    after: Annotated[Path | None, typer.Option("--as-left")] = None,
+    report: Annotated[Path | None, typer.Option("--report")] = None,
+    key: Path | None = None,
+    key_certificate: Path | None = None,
 ) -> None:
-    """Write a result as a calibration certificate.
-
-    A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
-    `stepdiag verify FILE.xml` computes it again from the logs.
-    """
+    """Write a result as a calibration certificate."""
     if out.suffix.lower() != ".xml":
-        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
+        raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
     if (key is None) != (key_certificate is None):
-        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
+        raise UsageError("--key, --key-certificate", expected=message("both"), found=message("one-of-both"))
     files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
     given = [*(("file", path) for path in files), *([("report", report)] if report is not None else [])]
     links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -18,23 +20,20 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="An empty or new folder for everything the demo writes.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(help="Another machine for every number.")] = 1,
-    live: Annotated[bool, typer.Option("--live", help="Slow enough to watch on the page; keys cause faults.")] = False,
-    browser: Annotated[bool | None, typer.Option(help="With --live: open the page, which is what happens without the option.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    out: Path = Path("demo"),
+    seed: int = 1,
+    live: Annotated[bool, typer.Option("--live")] = False,
+    browser: bool | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Do the whole job on a virtual machine.
-
-    Record, solve, export, load back, verify, over a real Modbus connection and a real serial line.
-    """
+    """Do the whole job on a virtual machine."""
     if live and as_json:
-        raise UsageError("--json", expected="no --live beside it: the figures come at the end of a demo without it", found="--live")
+        raise UsageError("--json", expected=message("without-option", option="--live"), found="--live")
     if live:
         _live(out, seed, browser=browser is not False)
         return
     if browser is not None:
-        raise UsageError("--browser", expected="--live beside it: only the live demo has a page", found="none")
+        raise UsageError("--browser", expected=message("with-option", option="--live"), found=message("none"))
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import STREAMS, decoded_formats, streams
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import STREAMS, AsJson, decoded_formats, streams
 from stepdiag.terminal.printable import printable
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from stepdiag.daq.log.recovery import LogInfo, Recovery
     from stepdiag.daq.records.events import Stream
 
-LogFile = Annotated[Path, typer.Argument(help="A log (*.mcap, or *.mcap.part where it was cut off).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 _LONG = 60
 
 
@@ -28,7 +27,7 @@ def register(app: typer.Typer) -> None:
     app.command("decode")(decode)
 
 
-def info(log: LogFile, as_json: AsJson = False) -> None:
+def info(log: Path, as_json: AsJson = False) -> None:
     """Say what is in a log, and whether it is whole."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import log_info
@@ -39,14 +38,11 @@ def info(log: LogFile, as_json: AsJson = False) -> None:
 
 
 def recover(
-    log: LogFile,
-    out: Annotated[Path | None, typer.Option("--out", help="The mended log; default beside the damaged one.")] = None,
+    log: Path,
+    out: Annotated[Path | None, typer.Option("--out")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Mend a log that was cut off, into a new file.
-
-    The damaged one stays as it is.
-    """
+    """Mend a log that was cut off, into a new file."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import recover as mend
 
@@ -56,18 +52,13 @@ def recover(
 
 
 def decode(
-    log: LogFile,
-    to: Annotated[str, typer.Option(help="csv, parquet or mcap.", autocompletion=decoded_formats)] = "csv",
-    out: Annotated[Path | None, typer.Option("--out", help="The file to write; default beside the log.")] = None,
-    stream: Annotated[str, typer.Option(help="laser or head", autocompletion=streams)] = "laser",
-    survey: Annotated[
-        Path | None, typer.Option("--survey", help="A survey file in place of the log's, where that one is not read any more.")
-    ] = None,
+    log: Path,
+    to: Annotated[str, typer.Option(autocompletion=decoded_formats)] = "csv",
+    out: Annotated[Path | None, typer.Option("--out")] = None,
+    stream: Annotated[str, typer.Option(autocompletion=streams)] = "laser",
+    survey: Annotated[Path | None, typer.Option("--survey")] = None,
 ) -> None:
-    """Write every sample of a log at full rate.
-
-    Decoded again from the raw bytes, with the times of the sample clock; mcap holds the stops and findings of the log too.
-    """
+    """Write every sample of a log at full rate."""
     from stepdiag.daq.log.contents import must_be_there, open_log
     from stepdiag.daq.log.decoded import decoded
     from stepdiag.daq.log.decoded_files import FORMATS
@@ -80,7 +71,7 @@ def decode(
     must_be_there(log)
     target = out or log.with_name(f"{log.name.partition('.')[0]}-{stream}.{to}")
     if target.exists():
-        raise UsageError(str(target), expected="a new file", found="one that is there", remedy="name another one with --out")
+        raise UsageError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("name-with-out"))
     source, chosen = open_log(log), cast("Stream", stream)
     with working("decoding"):
         count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)))
@@ -103,7 +94,7 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
         "begin": _wall(found.begin_wall_ns),
         "seconds": round(found.seconds, 6),
         "whole": found.end.whole,
-        "damage": found.end.damage,
+        "damage": str(found.end.damage),
         "lost_bytes": found.end.lost_bytes,
         "dropped_events": found.end.dropped_events,
         "events": found.end.events,
@@ -154,7 +145,7 @@ def _recovery_json(done: "Recovery") -> dict[str, object]:
         "target": str(done.target),
         "messages": done.messages,
         "events": done.end.events,
-        "damage": done.end.damage,
+        "damage": str(done.end.damage),
         "lost_bytes": done.end.lost_bytes,
         "dropped_events": done.end.dropped_events,
     }

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
 from stepdiag.cli.granted import say_assumed
 
 if TYPE_CHECKING:
@@ -25,26 +27,19 @@ def register(app: typer.Typer) -> None:
 
 
 def plan(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    minutes: Annotated[float | None, typer.Option(help="The time there is: the best survey within it.")] = None,
-    target_um: Annotated[
-        float | None, typer.Option(help="What compensation may leave (rms over the volume): the best survey down to it.")
-    ] = None,
-    apply: Annotated[
-        bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the next of the list.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    minutes: float | None = None,
+    target_um: float | None = None,
+    apply: Annotated[bool, typer.Option("--apply")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Predict what a survey will tell, and in what time.
-
-    Before the machine moves; names the surveys that are worth their time.
-    """
+    """Predict what a survey will tell, and in what time."""
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
-            raise UsageError(name, expected="a number above 0", found=f"{value:g}")
+            raise UsageError(name, expected=message("number-above-0"), found=f"{value:g}")
     survey = load_survey(file)
     advice = _advise(survey.planned, circumstances(survey, file.parent), minutes, target_um)
     asked = minutes is not None or target_um is not None
@@ -74,9 +69,7 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
     chosen = advice.best if asked else advice.next
     if chosen is None:
-        raise UsageError(
-            "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
-        )
+        raise UsageError("--apply", expected=message("better-survey"), found=message("none"), remedy=message("ask-with-others"))
     section = _section(survey, chosen.plan)
     finer = chosen.plan.volume.increments
     changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from stepdiag.cli.completion import PROGRAMS, programs
+from stepdiag.cli.completion import AsJson, programs
 
 
 def register(app: typer.Typer) -> None:
@@ -14,18 +14,13 @@ def register(app: typer.Typer) -> None:
 
 
 def program(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    controller: Annotated[str, typer.Option(help=f"The control: {', '.join(PROGRAMS)}.", autocompletion=programs)],
-    out: Annotated[
-        Path, typer.Option(help="The folder to write, whole or not at all; what is there is never overwritten with other bytes.")
-    ],
-    profile: Annotated[Path | None, typer.Option(help="The machine's profile, for its section [program].")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    controller: Annotated[str, typer.Option(autocompletion=programs)],
+    out: Annotated[Path, typer.Option()],
+    profile: Path | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Write the NC programs that drive a survey.
-
-    One for each setup, with stops, dwells and the signals to the PLC; for LinuxCNC also the HAL component that serves them over Modbus.
-    """
+    """Write the NC programs that drive a survey."""
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile

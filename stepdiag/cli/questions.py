@@ -1,18 +1,16 @@
 """Questions to a person on a terminal; every answer may be an option of the command instead."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.composed import MachineClass
 
-MachineClassName = Annotated[str | None, typer.Option("--machine-class", help="good, ordinary or poor: the usual sizes of its errors.")]
-Feedback = Annotated[str | None, typer.Option(help="screw (rotary encoders on ball screws) or scale (linear scales).")]
-Pitch = Annotated[str | None, typer.Option("--pitch-mm", help="Pitch of the screws in mm.")]
 
 _WORDS = {
     "good": "new, in a tempered hall",
@@ -36,7 +34,9 @@ def asked(option: str, question: str, given: str | None, understood: Callable[[s
         return understood(given)
     if not on_terminal():
         if default is None:
-            raise UsageError(f"--{option}", expected="an answer", found="no terminal to ask on", remedy=f"say it: --{option} ...")
+            raise UsageError(
+                f"--{option}", expected=message("an-answer"), found=message("no-terminal"), remedy=message("option-answers", option=option)
+            )
         return understood(default)
     while True:
         try:
@@ -44,7 +44,7 @@ def asked(option: str, question: str, given: str | None, understood: Callable[[s
         except UsageError as refusal:
             typer.echo(str(refusal))
         except click.Abort as end:
-            raise UsageError("questions", expected="an answer", found="the end of the questions; nothing is written") from end
+            raise UsageError("questions", expected=message("an-answer"), found=message("end-of-questions")) from end
 
 
 def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | None) -> "MachineClass":
@@ -68,7 +68,7 @@ def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | 
 def _one_of(option: str, names: Any) -> Callable[[str], str]:
     def understood(text: str) -> str:
         if text not in names:
-            raise UsageError(option, expected=f"one of {', '.join(names)}", found=repr(text))
+            raise UsageError(option, expected=message("one-of", names=tuple(names)), found=repr(text))
         return text
 
     return understood
@@ -80,5 +80,5 @@ def _length(text: str) -> float:
     except ValueError:
         length = 0.0
     if not 0.0 < length <= 10_000.0:
-        raise UsageError("pitch-mm", expected="a length in mm above 0", found=repr(text))
+        raise UsageError("pitch-mm", expected=message("length-above-0"), found=repr(text))
     return length

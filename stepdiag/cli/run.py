@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-SurveyFile = Annotated[Path, typer.Argument(help="The survey file (TOML).")]
-
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
@@ -15,11 +13,8 @@ def register(app: typer.Typer) -> None:
     app.command("pack", hidden=True)(pack)
 
 
-def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", help="Also log what is for debugging.")] = False) -> None:
-    """Record surveys beside the machine (the daemon).
-
-    Solves and exports each when its last pass is in. Ends with SIGTERM or Ctrl-C.
-    """
+def run(file: Path, verbose: Annotated[bool, typer.Option("--verbose")] = False) -> None:
+    """Record surveys beside the machine (the daemon)."""
     from stepdiag.daemon.service import record
 
     record(file, verbose=verbose)
@@ -27,8 +22,8 @@ def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", hel
 
 def complete(
     folder: Path,
-    readings: Annotated[bool, typer.Option("--readings", help="Only the readings.")] = False,
-    certificate: Annotated[bool, typer.Option("--certificate", help="Only the certificate.")] = False,
+    readings: Annotated[bool, typer.Option("--readings")] = False,
+    certificate: Annotated[bool, typer.Option("--certificate")] = False,
 ) -> None:
     """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.check import NOT_REACHED
-from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked, on_terminal
+from stepdiag.cli.questions import asked, machine_class_asked, on_terminal
 
 if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
@@ -25,36 +26,34 @@ def register(app: typer.Typer) -> None:
 
 
 def setup(
-    file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml"),
-    machine: Annotated[str | None, typer.Option(help="The machine as it is to stand in the report.")] = None,
-    laser_port: Annotated[str | None, typer.Option(help="Serial port, socket://host:port or rfc2217://host:port.")] = None,
-    laser_format: Annotated[str | None, typer.Option(help=f"{', '.join(_FORMATS)}; without it stepdiag listens.")] = None,
-    baud: Annotated[int, typer.Option(help="Its rate; 0: the usual ones.")] = 0,
-    host: Annotated[str | None, typer.Option(help="Name or address of the control; none: a machine without signals.")] = None,
-    port: Annotated[int, typer.Option(help="Its TCP port; 0: that of each protocol.")] = 0,
-    control: Annotated[
-        str | None, typer.Option(help="modbus, siemens-828d, siemens-840dsl, heidenhain, none; without it it is asked.")
-    ] = None,
-    size: Annotated[str | None, typer.Option(help="Edges of the volume in mm: 500,400,300.")] = None,
-    origin: Annotated[str | None, typer.Option(help="Its low corner in machine coordinates, mm.")] = None,
-    increments: Annotated[str | None, typer.Option(help="Increments per axis.")] = None,
-    chain: Annotated[str | None, typer.Option(help="From workpiece to tool, F the foundation: FXYZ.")] = None,
-    compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is stated later.")] = None,
-    machine_class: MachineClassName = None,
-    feedback: Feedback = None,
-    pitch_mm: Pitch = None,
-    seconds: Annotated[float, typer.Option(help="How long to listen and to show the signals.")] = 3.0,
+    file: Annotated[Path, typer.Argument()] = Path("survey.toml"),
+    machine: str | None = None,
+    laser_port: str | None = None,
+    laser_format: str | None = None,
+    baud: int = 0,
+    host: str | None = None,
+    port: int = 0,
+    control: str | None = None,
+    size: str | None = None,
+    origin: str | None = None,
+    increments: str | None = None,
+    chain: str | None = None,
+    compensation: str | None = None,
+    machine_class: str | None = None,
+    feedback: str | None = None,
+    pitch_mm: str | None = None,
+    seconds: float = 3.0,
 ) -> None:
-    """Ask for a first survey, show what is there, write its file.
-
-    Lists the ports, recognises the instrument, asks the control in every protocol and shows its signals. Never over an existing file, and
-    nothing is written to the machine.
-    """
+    """Ask for a first survey, show what is there, write its file."""
     from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import Answers, composed, increments_for
 
     if not 1.0 <= seconds < float("inf"):
-        raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
+        raise UsageError(
+            "--seconds",
+            expected=message("number-limited", kind=message("a-number"), limits=[message("limit-or-more", limit=1)]),
+            found=f"{seconds:g}",
+        )
     refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
     found_control, found_host, found_port = _control(control, host, port)
@@ -102,7 +101,7 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         return port, _format(form), baud
     heard = _while_saying(f"listening on {port} ...", lambda: listen(port, baud, seconds))
     if heard.trouble:
-        raise DeviceError("laser", expected="a port that can be listened to", found=heard.trouble)
+        raise DeviceError("laser", expected=message("audible-port"), found=heard.trouble)
     if heard.format in _FORMATS:
         typer.echo(f"it is {heard.format} at {heard.baud} baud" if not port.startswith("socket://") else f"it is {heard.format}")
         return port, heard.format, heard.baud
@@ -190,7 +189,7 @@ def _name(file: Path) -> str:
 
 def _text(text: str) -> str:
     if not text:
-        raise UsageError("answer", expected="a text that is not empty", found=repr(text))
+        raise UsageError("answer", expected=message("a-text-not-empty"), found=repr(text))
     return text
 
 
@@ -203,8 +202,8 @@ def _port(text: str) -> str:
 
 def _format(text: str) -> str:
     if text not in _FORMATS:
-        remedy = "lines and frames of your own are described in a file that `stepdiag init` writes"
-        raise UsageError("laser-format", expected=f"one of {', '.join(_FORMATS)}", found=repr(text), remedy=remedy)
+        remedy = message("own-formats")
+        raise UsageError("laser-format", expected=message("one-of", names=_FORMATS), found=repr(text), remedy=remedy)
     return text
 
 
@@ -212,7 +211,7 @@ def _known_control(text: str, where: str = "control") -> str:
     from stepdiag.daq.survey.controls import CONTROLS
 
     if text not in (*CONTROLS, "none"):
-        raise UsageError(where, expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(text))
+        raise UsageError(where, expected=message("one-of", names=(*CONTROLS, "none")), found=repr(text))
     return text
 
 
@@ -220,7 +219,9 @@ def _three(text: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.replace(",", " ").split())
     except ValueError:
-        raise UsageError("answer", expected="three numbers, such as 500 400 300", found=repr(text)) from None
+        raise UsageError(
+            "answer", expected=message("such-as", what=message("three-numbers"), example="500 400 300"), found=repr(text)
+        ) from None
     return x, y, z
 
 
@@ -228,24 +229,24 @@ def _whole(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise UsageError("answer", expected="a whole number", found=repr(text)) from None
+        raise UsageError("answer", expected=message("whole-number"), found=repr(text)) from None
 
 
 def _tcp_port(text: str) -> int:
     number = _whole(text)
     if not 0 <= number < 65536:
-        raise UsageError("port", expected="a TCP port from 1 to 65535, or 0", found=repr(text))
+        raise UsageError("port", expected=message("tcp-port-or-0"), found=repr(text))
     return number
 
 
 def _chain(text: str) -> str:
     if sorted(text.upper()) != sorted("FXYZ"):
-        raise UsageError("chain", expected="F, X, Y and Z once each, from workpiece to tool, such as FXYZ", found=repr(text))
+        raise UsageError("chain", expected=message("such-as", what=message("chain-letters"), example="FXYZ"), found=repr(text))
     return text
 
 
 def _switched(text: str) -> str:
     if text not in ("off", "?"):
-        remedy = "where it is on, answer ? and name its files in the survey file afterwards (machine.active)"
-        raise UsageError("compensation", expected="off or ?", found=repr(text), remedy=remedy)
+        remedy = message("compensation-on")
+        raise UsageError("compensation", expected=message("one-of", names=["off", "?"]), found=repr(text), remedy=remedy)
     return text

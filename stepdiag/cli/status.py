@@ -3,11 +3,12 @@
 import json
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
 from stepdiag.terminal.viewer import shown
 
 if TYPE_CHECKING:
@@ -33,13 +34,10 @@ def register(app: typer.Typer) -> None:
 
 
 def status(
-    path: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    path: Path,
+    as_json: AsJson = False,
 ) -> None:
-    """Say what of a survey is kept and what to drive again.
-
-    And why. Nothing is changed.
-    """
+    """Say what of a survey is kept and what to drive again."""
     from stepdiag.daemon.survey_state import standing_of
 
     found = standing_of(path)

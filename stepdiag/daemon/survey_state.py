@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -78,8 +78,8 @@ def standing_of(path: Path) -> Standing:
     rounds = round_folders(path)
     last = rounds[-1] if rounds else path
     if not logs_in(last):
-        remedy = "name a survey file, or the folder that `stepdiag run` made for it"
-        raise UsageError(str(path), expected="a folder with logs (*.mcap)", found="none", remedy=remedy)
+        remedy = message("name-survey")
+        raise UsageError(str(path), expected=message("folder-with", what=message("logs-mcap")), found=message("none"), remedy=remedy)
     return _standing(path if rounds else path.parent, last, None, "")
 
 
@@ -91,7 +91,9 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
     if known is None:
         raise DataError(
-            str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
+            str(last),
+            expected=message("one-readable-log"),
+            found=joined([message("labelled", name=log.name, what=log.trouble) for log in logs]),
         )
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()
@@ -128,7 +130,7 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
             header = open_log(path).header
             if text and header.survey_text != text:
                 raise DataError(
-                    str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here"
+                    str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
             found = noted_in(path)
         except DataError as error:

@@ -18,6 +18,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.base.files import as_text
+from stepdiag.base.messages import message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
@@ -129,7 +130,7 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
     except UsageError:
         named = parse_survey(survey, "--survey").identity.machine
         if named != machine:
-            raise DataError("--survey", expected=f"a survey file of {machine}", found=named) from None
+            raise DataError("--survey", expected=message("survey-file-of", machine=machine), found=named) from None
         file = scratch / "survey.toml"
         file.write_text(survey, encoding="utf-8")
         return file
@@ -157,7 +158,7 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
     for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in WORDS)):
         data = store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES)
         if sha256(data) != archived[name]:
-            remedy = "archive the survey again from its own folder"
+            remedy = message("archive-again")
             raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=sha256(data), remedy=remedy)
         (folder / name).write_bytes(data)
     return folder
@@ -169,7 +170,7 @@ def _client(workers: int, scheduler: str) -> Iterator[Client]:
         try:
             client = Client(scheduler, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
-            raise DeviceError(scheduler, expected="a Dask scheduler", found=str(error) or type(error).__name__) from error
+            raise DeviceError(scheduler, expected=message("dask-scheduler"), found=str(error) or type(error).__name__) from error
         with client:
             yield client
         return
