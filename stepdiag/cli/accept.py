@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -32,7 +33,6 @@ def accept(
     from stepdiag.daq.passes.survey_time import CODE
     from stepdiag.daq.recording.verdicts import accept as note
     from stepdiag.daq.recording.verdicts import doubts_at, state_time
-    from stepdiag.terminal.viewer import shown
 
     found = standing_of(survey)
     if found.round is None:
@@ -40,16 +40,16 @@ def accept(
     if stop == CODE:
         moment = _moment(begun)
         state_time(found.round, moment.timestamp(), reason=reason, name=name or getpass.getuser(), time_s=time.time())
-        typer.echo(f"the first stop of {found.round} is of {moment.isoformat(timespec='minutes')}")
+        print_words(message("first-stop-is", folder=str(found.round), moment=moment.isoformat(timespec="minutes")))
         return
     if begun is not None:
         raise UsageError("--begun", expected=message("accepted-code", code=CODE), found=stop)
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
-        typer.echo(shown(message("accepted-doubt", place=doubt.place, what=doubt.words)))
+        print_words(message("accepted-doubt", place=doubt.place, what=doubt.words))
     for left in standing_of(survey).doubts:
-        typer.echo(shown(message("still-doubted", place=left.place, what=left.words)))
+        print_words(message("still-doubted", place=left.place, what=left.words))
 
 
 def _moment(text: str | None) -> "datetime":

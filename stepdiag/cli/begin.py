@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 ANSWER_S = 10.0
 """How long the daemon may take to begin: it looks ten times a second."""
@@ -28,7 +29,6 @@ def begin(
     from stepdiag.daq.recording.rounds import is_recording
     from stepdiag.daq.service.live import live_in
     from stepdiag.daq.survey.file import load_survey
-    from stepdiag.terminal.printable import printable
 
     known = load_survey(survey)
     planned = known.plan.all_setups
@@ -53,4 +53,4 @@ def begin(
     waits = now.waits_for if now is not None else message("silence")
     if now is None or not now.awaits_stop_of(setup):
         raise DataError("begin", expected=message("daemon-waits", setup=setup), found=waits, remedy=message("journal-says"))
-    typer.echo(printable(f"{setup} is begun: start its NC program now ({waits})"))
+    print_words(message("setup-begun", setup=setup, waits=waits))

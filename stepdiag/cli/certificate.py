@@ -9,6 +9,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.fleet import extra_needed
+from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
@@ -37,7 +38,7 @@ def certificate(
     files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
     given = [*(("file", path) for path in files), *([("report", report)] if report is not None else [])]
     links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate)
-    typer.echo(f"certificate: {out}; it rests on {links} things, the first result")
+    print_words(message("certificate-rests", path=str(out), count=links))
 
 
 def certify_folder(folder: Path) -> Path:
@@ -100,11 +101,11 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
     else:
         found = verify_certificate(path, Path(custody or path.parent))
     if found.broken is not None:
-        typer.echo(f"WRONG {path.name}: {found.broken}")
+        print_words(message("certificate-wrong", name=path.name, what=found.broken))
         raise typer.Exit(JUDGED_WRONG)
-    typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")
+    print_words(message("certificate-holds", name=path.name, links=found.links, figures=found.figures))
     if found.signed and key_certificate is None:
-        typer.echo("its signature is not checked: --key-certificate CERT.pem checks it")
+        print_words(message("signature-unchecked"))
 
 
 def is_store(custody: str) -> bool:

@@ -9,6 +9,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.findings import Finding
@@ -86,7 +87,7 @@ def show_findings(found: "tuple[Finding, ...]") -> None:
     for line in finding_lines(found):
         typer.echo(line)
     if not any(each.severity in ("error", "warning") for each in found):
-        typer.echo("All is well: laser and machine answer and make sense.")
+        print_words(message("all-is-well"))
 
 
 def _print_json(seen: "Observation", found: "tuple[Finding, ...]") -> None:

@@ -13,7 +13,7 @@ from stepdiag.cli.completion import AsJson, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, compared, print_compared
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import shown, viewers_language
+from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +51,7 @@ def profile(
         typer.echo(text, nl=False)
         return
     write_new(out, text)
-    typer.echo(f'{out} written: answer every "?", then run `stepdiag export RESULT --controller {controller} --profile {out} --out DIR`')
+    print_words(message("profile-written", path=str(out), controller=controller))
 
 
 def export(
@@ -73,7 +73,7 @@ def export(
     from stepdiag.terminal.progress import working
 
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
-    with working("planning and checking the tables"):
+    with working(message("checking-tables")):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
         written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
     _name_unused(accept or (), written)
@@ -87,7 +87,7 @@ def export(
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
     if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
-        typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
+        print_words(message("accept-unused", codes=unused), err=True)
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
@@ -156,7 +156,7 @@ def import_(
 
     found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
     write_new(out, found.to_json())
-    typer.echo(f"{out} written; the file says neither how sure its functions are nor whether a compensation was on")
+    print_words(message("imported-result", path=str(out)))
 
 
 def verify(
@@ -237,7 +237,7 @@ def _print_read_back(held: "ReadBack | None") -> None:
     if held is None:
         return
     if not held.findings:
-        typer.echo(f"read back: {held.numbers} numbers and {held.switches} switches and weights in the control are as written")
+        print_words(message("read-back-same", numbers=held.numbers, switches=held.switches))
     for line in finding_lines(held.findings):
         typer.echo(line)
 

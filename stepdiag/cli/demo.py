@@ -8,6 +8,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -69,8 +70,8 @@ class _Watching:
         """Say where the page is and what the keys do, and open it."""
         from stepdiag.demo.live import KEYS
 
-        typer.echo(f"The page: {address}\nIts buttons and files ask for the token: {token}\n")
-        typer.echo("  Enter  start the program that is waited for (it starts by itself after a while)")
+        print_words(message("demo-page", address=address, token=token))
+        print_words(message("demo-enter"))
         for key, each in KEYS.items():
             typer.echo(f"  {key}      {each.does}")
         typer.echo("  q      end\n")
@@ -117,10 +118,8 @@ def _print_table(found: "Demonstrated") -> None:
         console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
     for line in concluded_in(found.round):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-    console.print("All from one survey with an autocollimator's angles; the files of each form lie in the folder reach or beside the logs.")
-    console.print(
-        f"Measured and solved in {found.seconds:.0f} s. Look at {found.round / 'report.html'}; logs, result and files lie beside it."
-    )
+    print_words(message("demo-forms"))
+    print_words(message("demo-done", seconds_s=found.seconds, path=str(found.round / "report.html")))
 
 
 def _print_json(found: "Demonstrated") -> None:

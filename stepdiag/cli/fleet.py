@@ -11,6 +11,7 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
@@ -59,7 +60,7 @@ def add(
     store = Store(to, create=True)
     added = []
     try:
-        for each in counted(found, "archiving", len(found)):
+        for each in counted(found, message("archiving"), len(found)):
             added.append(put(each, store))
             if not as_json:
                 typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
@@ -108,10 +109,9 @@ def trend(
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
     """Print what no series holds on standard error. Raises DataError where a table is damaged: the other machines are shown before."""
-    from stepdiag.terminal.printable import printable
 
     for each in left_out:
-        typer.echo(printable(f"left out: {' '.join(filter(None, (each.machine, each.name)))}: {each.why}"), err=True)
+        print_words(message("left-out", name=" ".join(filter(None, (each.machine, each.name))), why=each.why), err=True)
     damaged = [each.name for each in left_out if each.damaged]
     if damaged:
         raise DataError(
@@ -137,7 +137,7 @@ def fleet(
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
     chosen = _language(language)
     sheets.sheet(chosen)
-    typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
+    print_words(message("fleet-page", address=f"http://{host}:{port}/", store=store))
     serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
 
 

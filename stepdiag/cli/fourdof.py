@@ -10,6 +10,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName
@@ -87,7 +88,7 @@ def new(
         id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm, version=2
     )
     write_calibration(out, HeadFile(head=identity))
-    typer.echo(f"written: {out}; next: `stepdiag fourdof commission`")
+    print_words(message("written-next", path=str(out), what=message("fourdof-commission-next")))
 
 
 @commands.command()
@@ -156,7 +157,7 @@ def _commission_program(file: Path, controller: str, profile: Path | None, out: 
     write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     for each in programs:
         typer.echo(f"{each.setup:<12}{out / each.name}")
-    typer.echo(f"next: `stepdiag run {file.name}`, start the program, then `stepdiag fourdof commission LOGS --calibration NEW --out FILE`")
+    print_words(message("run-then-commission", name=file.name))
 
 
 def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json: bool) -> None:
@@ -174,7 +175,7 @@ def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json:
         typer.echo(json.dumps({"fields": fields, "u_jog_um": done.found.u_jog_um, "stands": done.stands, "dark": done.dark}, indent=2))
         return
     commission_table(done)
-    typer.echo(f"written: {out}; next: name it in head.calibration of the survey file")
+    print_words(message("written-next", path=str(out), what=message("name-calibration")))
 
 
 @commands.command()

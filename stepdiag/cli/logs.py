@@ -10,6 +10,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import STREAMS, AsJson, decoded_formats, streams
 from stepdiag.terminal.printable import printable
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,9 +74,9 @@ def decode(
     if target.exists():
         raise UsageError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("name-with-out"))
     source, chosen = open_log(log), cast("Stream", stream)
-    with working("decoding"):
+    with working(message("decoding")):
         count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)))
-    typer.echo(f"{target} written: {count} samples of the {stream}")
+    print_words(message("decoded-samples", path=str(target), count=count, stream=stream))
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:

@@ -11,6 +11,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
 from stepdiag.cli.granted import say_assumed
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
@@ -74,10 +75,8 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
     finer = chosen.plan.volume.increments
     changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
-    typer.echo(
-        f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}; {finer} increments",
-        err=True,
-    )
+    setups = [run.setup for run in chosen.plan.runs]
+    print_words(message("plan-applied", name=str(file), setups=setups, repeats=section.repeats, increments=finer), err=True)
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -104,7 +103,7 @@ def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
 
-    with working("looking for the best surveys (some seconds)"):
+    with working(message("looking-for-surveys")):
         return advise(plan, about, available_min=minutes, target_um=target_um)
 
 
@@ -167,10 +166,8 @@ def _print(advice: "Advice", *, asked: bool) -> None:
     console.print(forecast_table(advice.forecast))
     console.print(front_table(advice))
     if advice.best is not None:
-        console.print("BEST SURVEY for what was asked: " + in_words(advice.best), highlight=False)
+        print_words(message("best-survey", what=in_words(advice.best)))
         console.print(forecast_table(advice.best))
     elif asked:
-        console.print(
-            "No survey fits what was asked: not even one line takes so little time, or nothing reaches the target.", highlight=False
-        )
+        print_words(message("no-survey-fits"))
     say_assumed(advice.forecast.assumed.stated())

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, programs
+from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
@@ -39,5 +41,5 @@ def program(
     for each in written:
         typer.echo(f"{each['setup']:<12}{each['file']}")
     if beside:
-        typer.echo(f"for the control: {', '.join(each.name for each in beside)}: copy both beside its INI file and add the HALFILE")
-    typer.echo("First run of each program: single block, feed override low, hand on feed hold. Each begins with what the PLC must offer.")
+        print_words(message("copy-for-control", names=[each.name for each in beside]))
+    print_words(message("first-run"))

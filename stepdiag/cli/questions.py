@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.composed import MachineClass
 
 
 _WORDS = {
-    "good": "new, in a tempered hall",
-    "ordinary": "a machining centre in a shop",
-    "poor": "old or large, in an open hall",
+    "good": message("class-good"),
+    "ordinary": message("class-ordinary"),
+    "poor": message("class-poor"),
 }
 
 
@@ -26,7 +27,7 @@ def on_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-def asked(option: str, question: str, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
+def asked(option: str, question: Words, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
     """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
     import click
 
@@ -40,9 +41,9 @@ def asked(option: str, question: str, given: str | None, understood: Callable[[s
         return understood(default)
     while True:
         try:
-            return understood(str(typer.prompt(question, default=default)).strip())
+            return understood(str(typer.prompt(shown(question), default=default)).strip())
         except UsageError as refusal:
-            typer.echo(str(refusal))
+            print_words(refusal.message)
         except click.Abort as end:
             raise UsageError("questions", expected=message("an-answer"), found=message("end-of-questions")) from end
 
@@ -54,14 +55,13 @@ def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | 
 
     if name is None and on_terminal():
         for each, sizes in CLASSES.items():
-            typer.echo(
-                f"  {each:<9} {_WORDS[each]}: repeats to {sizes['repeatability_um']:g} µm, angular errors of {sizes['angles_urad']:g} µrad"
-            )
+            numbers = {"repeats_um": sizes["repeatability_um"], "angles_urad": sizes["angles_urad"]}
+            print_words(message("class-sizes", name=f"{each:<9}", what=_WORDS[each], **numbers))
     usual = MachineClass()
-    chosen = asked("machine-class", "Class of the machine (good, ordinary, poor)", name, _one_of("machine-class", CLASSES), usual.name)
-    kind = asked("feedback", "Position feedback (screw, scale)", feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
+    chosen = asked("machine-class", message("ask-machine-class"), name, _one_of("machine-class", CLASSES), usual.name)
+    kind = asked("feedback", message("ask-feedback"), feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
     stated = f"{usual.pitch_mm:g}" if kind == "scale" and pitch_mm is None else pitch_mm
-    pitch = asked("pitch-mm", "Pitch of the screws in mm", stated, _length, f"{usual.pitch_mm:g}")
+    pitch = asked("pitch-mm", message("ask-pitch-mm"), stated, _length, f"{usual.pitch_mm:g}")
     return MachineClass(name=chosen, feedback=kind, pitch_mm=pitch)
 
 

@@ -12,6 +12,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, languages
 from stepdiag.cli.granted import say_granted
+from stepdiag.terminal.viewer import print_words, viewers_language
 
 if TYPE_CHECKING:
     from stepdiag.base.result.result import Result
@@ -72,7 +73,8 @@ def report(
     if as_json:
         typer.echo(json.dumps({"written": [str(path) for path in written]}))
     else:
-        typer.echo(f"report: {written[0]}" + (f", {len(written) - 1} more files beside it" if len(written) > 1 else ""))
+        more = message("more-files", path=str(written[0]), count=len(written) - 1)
+        print_words(message("report-written", what=more if len(written) > 1 else str(written[0])))
 
 
 def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
@@ -188,7 +190,7 @@ def _write_as_left(
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
     )  # fmt: skip
     for path in write_report(page, out, pdf=pdf):
-        typer.echo(f"as left: {path}", err=True)
+        print_words(message("as-left-written", path=str(path)), err=True)
 
 
 def _language(wanted: str) -> "Language":
@@ -215,10 +217,10 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 
-    words = catalogue("report", "en")
+    words = catalogue("report", viewers_language())
     kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
-    typer.echo(f"predicted: {interval_words(None if concluded.reach is None else concluded.reach.rms_after)} µm (rms, k = 2)")
-    typer.echo(f"as left:   {interval_words(left.rms)} µm (rms, k = 2)")
+    predicted = None if concluded.reach is None else concluded.reach.rms_after
+    print_words(message("predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)))
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
@@ -231,11 +233,10 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     names = [result.source for result in read]
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
-    what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
-    console.print(f"{what} (rms, k = 2): {comparison.before.words()} µm, then {comparison.after.words()} µm")
-    for each in comparison.remarks:
-        console.print(str(each), soft_wrap=True)
-    console.print("All quantities together are reported as changed by chance in 4.6 % of comparisons (k = 2).", soft_wrap=True)
+    what = message("effect-of-volume") if comparison.common.solid else message("effect-of-axes")
+    print_words(message("before-then-after", what=what, before=comparison.before.words(), after=comparison.after.words()))
+    for each in (*comparison.remarks, message("changed-by-chance")):
+        print_words(each)
     if trends:
         console.print(trend_table(trends, names))
     say_granted(read)

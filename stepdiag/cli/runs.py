@@ -8,6 +8,7 @@ import typer
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.readings import Readings
@@ -99,7 +100,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
-    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} µm")
+    print_words(message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um))
     typer.echo("  target_mm  predicted_um  measured_um")
     for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")

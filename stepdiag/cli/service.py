@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.daemon.installation import Step
@@ -30,8 +31,8 @@ def install(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None
     _show(steps, texts=dry_run)
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload")
-        typer.echo(f"      systemctl enable --now stepdiag@{file.stem}")
+        reload = "systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload"
+        print_words(message("next-command", command=f"{reload} && systemctl enable --now stepdiag@{file.stem}"))
 
 
 def publish(
@@ -62,10 +63,16 @@ def publish(
     steps = plan_end(file, root) if end else plan_publication(file, root, publication)
     _show(steps, texts=dry_run and not end)
     for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
-        typer.echo(f"credential {each}: {file.stem}.{each} " + ("found" if found else "is not there, and left out"))
+        print_words(
+            message("credential", name=each, file=f"{file.stem}.{each}", state=message("identified-yes" if found else "left-out-alone"))
+        )
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end))
+        print_words(
+            message(
+                "next-command", command="systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end)
+            )
+        )
 
 
 def remove(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
@@ -77,12 +84,12 @@ def remove(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
     _show(steps, texts=False)
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl daemon-reload")
+        print_words(message("next-command", command="systemctl daemon-reload"))
 
 
 def _show(steps: "list[Step]", *, texts: bool) -> None:
     if not steps:
-        typer.echo("nothing to do")
+        print_words(message("nothing-to-do"))
     for step in steps:
         typer.echo(f"{step.does}: {step.path}")
         if texts and step.does == "write":

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from stepdiag.base.errors import DeviceError, UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.cli.check import NOT_REACHED
 from stepdiag.cli.questions import asked, machine_class_asked, on_terminal
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
@@ -57,17 +58,17 @@ def setup(
     refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
     found_control, found_host, found_port = _control(control, host, port)
-    named = asked("machine", "The machine as it is to stand in the report", machine, _text)
-    size_mm = asked("size", "Edges of the volume in mm (x y z)", size, _three)
+    named = asked("machine", message("ask-machine"), machine, _text)
+    size_mm = asked("size", message("ask-size"), size, _three)
     usual = machine_class_asked(machine_class, feedback, pitch_mm)
     answers = Answers(
         name=_name(file),
         machine=named,
         size_mm=size_mm,
-        origin_mm=asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
-        increments=asked("increments", "Increments per axis", increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
-        chain=asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
-        compensation=asked("compensation", "Its compensation while measuring (off, or ?: stated later)", compensation, _switched, "?"),
+        origin_mm=asked("origin", message("ask-origin"), origin, _three, "0 0 0"),
+        increments=asked("increments", message("ask-increments"), increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
+        chain=asked("chain", message("ask-chain"), chain, _chain, "FXYZ"),
+        compensation=asked("compensation", message("ask-compensation"), compensation, _switched, "?"),
         laser_port=line,
         laser_format=form,
         baud=rate,
@@ -79,7 +80,7 @@ def setup(
     text = composed(answers, file.name)
     well = _shown(text, file.name, seconds)
     write_new(file, text)
-    typer.echo(f"{file} written: {_next(answers, file)}")
+    print_words(message("written-next", path=str(file), what=_next(answers, file)))
     if not well:
         raise typer.Exit(NOT_REACHED)
 
@@ -93,21 +94,19 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         for number, each in enumerate(seen, start=1):
             typer.echo(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
-        port = asked(
-            "laser-port", "The laser's port (number, name, or socket://host:port)", None, lambda text: known.get(text, _port(text))
-        )
+        port = asked("laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text)))
     port = _port(port)
     if form is not None:
         return port, _format(form), baud
-    heard = _while_saying(f"listening on {port} ...", lambda: listen(port, baud, seconds))
+    heard = _while_saying(message("listening-on", port=port), lambda: listen(port, baud, seconds))
     if heard.trouble:
         raise DeviceError("laser", expected=message("audible-port"), found=heard.trouble)
     if heard.format in _FORMATS:
-        typer.echo(f"it is {heard.format} at {heard.baud} baud" if not port.startswith("socket://") else f"it is {heard.format}")
+        print_words(message("it-is", name=heard.format if port.startswith("socket://") else f"{heard.format}, {heard.baud} baud"))
         return port, heard.format, heard.baud
-    begins = f"it begins with {heard.data[:SHOWN_BYTES].hex(' ')}" if heard.data else "silence"
-    typer.echo(f"nothing known speaks there ({begins}); lines and frames of your own are described in a file that `stepdiag init` writes")
-    return port, asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
+    begins = heard.data[:SHOWN_BYTES].hex(" ") or message("silence")
+    print_words(message("nothing-known", what=begins, remedy=message("own-formats")))
+    return port, asked("laser-format", message("ask-laser-format", names=_FORMATS), None, _format), baud
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
@@ -116,7 +115,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
 
     if control is not None and _known_control(control, "--control") == "none":
         return "none", "", port
-    host = asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
+    host = asked("host", message("ask-host"), host, _text)
     if host == "none":
         return "none", host, port
     if control is not None and not on_terminal():
@@ -124,7 +123,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     answered, port = _probed(control, host, port)
     if control is not None:
         return control, host, port
-    return asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host, port
+    return asked("control", message("ask-control", names=(*CONTROLS, "none")), None, _known_control, _likely(answered)), host, port
 
 
 def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], int]":
@@ -132,26 +131,26 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
-    spoken = "Modbus, S7 and LSV2" if control is None else control
+    spoken = ("Modbus", "S7", "LSV2") if control is None else (control,)
     while True:
-        place = f"{host}, port {port}," if port else host
-        answered = _while_saying(f"asking {place} over {spoken} ...", lambda at=port: probe(host, at, controls))  # type: ignore[misc]
+        place = f"{host}:{port}" if port else host
+        answered = _while_saying(message("asking-over", place=place, names=spoken), lambda at=port: probe(host, at, controls))  # type: ignore[misc]
         for each in answered:
             typer.echo(f"  {each.control}: {each.words}")
         if _likely(answered) is not None:
             return answered, port
-        other = asked("port", "Nothing answers there. TCP port of the control (0: go on without an answer)", None, _tcp_port, "0")
+        other = asked("port", message("ask-port"), None, _tcp_port, "0")
         if not other:
             return answered, port
         port = other
 
 
-def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
     """Return what the work gives. The questions come once the loop runs: who answers them with Ctrl-C ends it in good order."""
     import asyncio
 
     async def asked_and_done() -> T:
-        typer.echo(words)
+        print_words(words)
         return await work()
 
     return asyncio.run(asked_and_done())
@@ -176,9 +175,8 @@ def _shown(text: str, source: str, seconds: float) -> bool:
     return not any(each.severity == "error" for each in found)
 
 
-def _next(answers: "Answers", file: Path) -> str:
-    question = " answer machine.compensation before you export;" if answers.compensation == "?" else ""
-    return f"watch it with `stepdiag check {file}`;{question} `stepdiag plan {file}` says what the survey will tell"
+def _next(answers: "Answers", file: Path) -> Message:
+    return message("check-answer-plan", name=str(file)) if answers.compensation == "?" else message("check-then-plan", name=str(file))
 
 
 def _name(file: Path) -> str:

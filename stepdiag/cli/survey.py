@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import message
 from stepdiag.cli.questions import machine_class_asked
+from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
@@ -25,4 +27,4 @@ def init(
 
     refuse_existing(file)
     write_new(file, begun(machine_class_asked(machine_class, feedback, pitch_mm), file.name))
-    typer.echo(f"{file} written: fill in [volume], [laser] and [plc], then run `stepdiag check {file}`")
+    print_words(message("survey-written", path=str(file)))

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
 from stepdiag.terminal.printable import printable
+from stepdiag.terminal.viewer import shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
@@ -21,9 +23,8 @@ def which(result: Result) -> dict[str, str]:
 
 def sources(results: Sequence[Result]) -> Text:
     """Return one line a result: its file, and of what survey it is."""
-    return Text(
-        "\n".join(printable(f"{one.source}: {', '.join(which(one).values()) or 'says neither machine nor time'}") for one in results)
-    )
+    of = [", ".join(which(one).values()) or shown(message("neither-machine-nor-time")) for one in results]
+    return Text("\n".join(printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)))
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:

@@ -125,7 +125,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
     """Return the survey file of the first readable log, what the logs have noted in order, and how each log stands."""
     text, noted, logs = "", list[Noted](), list[LogStanding]()
-    for path in counted(paths, "reading the logs", len(paths)):
+    for path in counted(paths, message("reading-logs"), len(paths)):
         try:
             header = open_log(path).header
             if text and header.survey_text != text:

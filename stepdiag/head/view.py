@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.daq.timing.samples import Flag, Samples
@@ -21,6 +22,7 @@ from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
+from stepdiag.terminal.viewer import print_words
 from stepdiag.texts.texts import UNITS
 
 DETECTORS = ("QD", "PSD1", "PSD2")
@@ -104,7 +106,7 @@ def commission_table(done: HeadCommissioned) -> None:
     for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
     Console().print(table)
-    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} µm (k = 2)")
+    print_words(message("commissioned-by", stands=done.stands, dark=done.dark, miss_um=2 * done.found.u_jog_um))
 
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
