@@ -8,7 +8,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -71,7 +71,8 @@ class _Watching:
         from stepdiag.demo.live import KEYS
 
         print_words(message("demo-page", address=address, token=token))
-        print_words(message("demo-enter"))
+        typer.echo("")
+        typer.echo(f"  {shown(message('demo-enter'))}")
         for key, each in KEYS.items():
             typer.echo(f"  {key}      {each.does}")
         typer.echo("  q      end\n")
@@ -96,13 +97,10 @@ class _Watching:
 
 def _print_table(found: "Demonstrated") -> None:
     from rich.console import Console
-    from rich.table import Table
 
     from stepdiag.cli.status import concluded_in
 
-    table = Table(title="True errors of the tool where nobody measured: anywhere in the volume and along six face diagonals")
-    for heading in ("", "rms over the volume, µm", "largest, µm", "widest face diagonal, µm"):
-        table.add_column(heading, justify="left" if not heading else "right")
+    table = empty_table(message("table-demo"))
     rows = [("as it is", found.before)]
     named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
     forms = {**found.after, **found.reach}

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import shown
+from stepdiag.terminal.viewer import empty_table, shown
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stepdiag.base.messages import Words
     from stepdiag.daemon.survey_state import Standing
 
 
@@ -80,8 +79,6 @@ def _plain(value: object) -> Any:
     """Return a struct for JSON: a message that stands where a text does is its English."""
     import msgspec
 
-    from stepdiag.base.messages import Message
-
     if isinstance(value, Message):
         return str(value)
     if isinstance(value, msgspec.Struct):
@@ -136,11 +133,8 @@ def concluded_in(folder: Path) -> list[str]:
 
 
 def _table(found: "Standing") -> "Table":
-    from rich.table import Table
 
-    table = Table()
-    for column in (message("column-setup"), message("column-passes"), message("column-stops"), message("column-state")):
-        table.add_column(shown(column), justify="right" if column.key in {"column-passes", "column-stops"} else "left")
+    table = empty_table(message("table-status"))
     for setup in found.setups:
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)

@@ -9,7 +9,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
 from stepdiag.terminal.printable import printable
-from stepdiag.terminal.viewer import shown
+from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
@@ -29,9 +29,8 @@ def sources(results: Sequence[Result]) -> Text:
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
     """Return one row a quantity: both values, difference, its expanded uncertainty, and whether it is more than that."""
-    table = Table(title=Text(f"{before} -> {after}"))
-    for column in ("quantity", "at / mm", "before", "after", "difference", "U (k = 2)", "unit", "verdict"):
-        table.add_column(column, justify="left" if column in {"quantity", "unit", "verdict"} else "right")
+    table = empty_table(message("table-changes"))
+    table.title = Text(f"{before} -> {after}")
     for change in comparison.changes:
         table.add_row(*_row(change), style="bold" if change.significant else "")
     return table
@@ -49,9 +48,7 @@ def _shown(value: float | None, decimals: int = 2) -> str:
 
 def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
     """Return one row a quantity and one column a result, values with their expanded uncertainty."""
-    table = Table(title="trend")
-    table.add_column("quantity")
-    table.add_column("unit")
+    table = empty_table(message("table-trends"))
     for name in names:
         table.add_column(Text(name), justify="right")
     for one in trends:

@@ -6,11 +6,13 @@ from math import isfinite
 from rich.table import Table
 
 from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Advice, Forecast
+from stepdiag.terminal.viewer import empty_table
 
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 
@@ -36,9 +38,7 @@ def _slips(ahead: Foresight) -> str:
 
 def forecast_table(forecast: Forecast) -> Table:
     """Return the expanded uncertainty of every quantity; a quantity that the survey does not identify is named as such."""
-    table = Table(title="forecast: U (k = 2)")
-    for column in ("quantity", "X", "Y", "Z", "unit"):
-        table.add_column(column, justify="left" if column in {"quantity", "unit"} else "right")
+    table = empty_table(message("table-forecast"))
     for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "µm"), ("scale", AXIS_LETTERS, "µm/m")):
         table.add_row(word, *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
@@ -66,9 +66,7 @@ def _resolved(forecast: Forecast) -> str:
 
 def front_table(advice: Advice) -> Table:
     """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
-    table = Table(title="what is worth its time (µm: left by an ideal compensation, rms over the volume)")
-    for column in ("min", "µm", "lines"):
-        table.add_column(column, justify="left" if column == "lines" else "right")
+    table = empty_table(message("table-front"))
     for each in advice.front:
         table.add_row(f"{each.minutes:.0f}", each.left_um.best(), lines_in_words(each.plan))
     table.caption = "; ".join((*_floor(advice), *_head(advice)))
