@@ -70,7 +70,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "setups": [_plain(setup) for setup in found.setups],
         "live": _plain(found.live),
         "disk": str(found.disk),
-        "logs": [asdict(log) for log in found.logs],
+        "logs": [asdict(log) | {"trouble": str(log.trouble)} for log in found.logs],
         "conclusion": None if found.result is None else conclusion_in(found.result.parent),
     }
 
@@ -98,7 +98,7 @@ def _print(found: "Standing") -> None:
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             typer.echo(shown(message("labelled", name=setup.name, what=words)))
-    for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
+    for line in (*_undated(found), *(message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)):
         typer.echo(shown(line))
     if found.disk:
         typer.echo(shown(found.disk))

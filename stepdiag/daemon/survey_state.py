@@ -30,7 +30,7 @@ class LogStanding:
 
     name: str
     stops: int
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,11 +134,11 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
                 )
             found = noted_in(path)
         except DataError as error:
-            trouble = f"{error.found}: {error.remedy}" if error.remedy else str(error.found)
+            trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
         text = text or header.survey_text
         noted.append(found)
-        cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
+        cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
     return text, noted, logs
