@@ -72,7 +72,8 @@ class _Watching:
 
         print_words(message("demo-page", address=address, token=token))
         typer.echo("")
-        typer.echo(f"  {shown(message('demo-enter'))}")
+        enter = shown(message("demo-enter"))
+        typer.echo(f"  {enter}")
         for key, each in KEYS.items():
             typer.echo(f"  {key}      {each.does}")
         typer.echo("  q      end\n")

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import joined, message
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
@@ -35,7 +37,7 @@ def complete(
     if readings:
         leave_readings([folder], folder)
         return
-    from stepdiag.base.messages import joined, kept, message
+    from stepdiag.base.messages import kept
     from stepdiag.report.completed import write_completed_report
     from stepdiag.terminal.exits import refusals_shown
 
@@ -49,7 +51,7 @@ def complete(
         done = finish([folder], folder)
         write_completed_report(done)
     refused = kept(joined([message("export-refused", control=name, why=why) for name, why in done.refusals.items()]))
-    typer.echo(refused or f"result in {done.folder}", err=bool(refused))
+    typer.echo(refused or done.folder, err=bool(refused))
 
 
 def pack(folder: Path, max_gb: float) -> None:

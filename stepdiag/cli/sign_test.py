@@ -10,10 +10,11 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, tables
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.exporters.safety.sign_run import SignRun
-    from stepdiag.exporters.safety.sign_test import Bump, Verdict
+    from stepdiag.exporters.safety.sign_test import Bump
 
 NOTE = "SIGNTEST.txt"
 
@@ -67,8 +68,12 @@ def signtest(
         typer.echo(json.dumps(facts, indent=2))
         return
     kept = record(test, shown, subject(controller, known), when, read_given([each for each in (off, on, run) if each is not None]))
-    typer.echo(f"expected {test.expected_um:+.1f} µm at {test.top_mm:g} mm; {shown.text}")
-    typer.echo(f"\nappend to {profile}:\n\n{kept.as_toml()}{_consequence(test, shown)}")
+    print_words(message("bump-expected", expected_um=test.expected_um, top_mm=test.top_mm, what=shown.words))
+    typer.echo("")
+    print_words(message("append-to", name=str(profile)))
+    typer.echo(f"\n{kept.as_toml()}")
+    if shown.sense != (stated := test.tables[-1].law.sense):
+        print_words(message("sign-differs", sense=shown.sense or message("none"), stated=stated))
 
 
 def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
@@ -123,10 +128,3 @@ def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "
         raise UsageError("signtest", expected=message("run-for-cross"), found=found)
     before, after = (parse_readings(read_text(path), path.name) for path in (off, on))
     return from_readings(before, after, moving)
-
-
-def _consequence(test: "Bump", shown: "Verdict") -> str:
-    stated = test.tables[-1].law.sense
-    if shown.sense == stated:
-        return ""
-    return f"\nThis control is {shown.sense}, the tables are written {stated}: an export will be refused until that is settled.\n"
