@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.cli.completion import STREAMS, AsJson, decoded_formats, streams
 from stepdiag.terminal.printable import printable
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -112,15 +112,20 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
 
 def _as_text(found: "LogInfo") -> str:
     end = found.end
-    streams = ", ".join(f"{count} bytes of the {stream}" for stream, count in found.stream_bytes.items()) or "no raw bytes"
-    state = f"whole, {end.run_stop['exit_status']}" if end.whole else _damage(found)
+    streams = [message("bytes-of", count=count, stream=stream) for stream, count in found.stream_bytes.items()]
+    state = message("log-whole", how=end.run_stop["exit_status"]) if end.whole else _damage(found)
     reason = f": {end.run_stop['reason']}" if end.run_stop.get("reason") else ""
-    mended = f" (mended from {end.run_stop['recovered_from']})" if "recovered_from" in end.run_stop else ""
+    facts = [
+        message("log-lasted", begin=_wall(found.begin_wall_ns), seconds=found.seconds),
+        message("log-holds", stops=found.stops, polls=found.polls, streams=streams or [message("nothing")]),
+    ]
+    if "recovered_from" in end.run_stop:
+        facts.insert(0, message("mended-from", name=end.run_stop["recovered_from"]))
+    if found.carries_token:
+        facts.append(message("carries-token"))
     lines = [
-        f"{found.path}: {state}{reason}{mended}",
-        f"  began {_wall(found.begin_wall_ns)}, lasted {found.seconds:.1f} s",
-        f"  {found.stops} stops, {found.polls} polls of the machine, {streams}",
-        *(["  carries a token of the page: change it, and take care who gets this log"] if found.carries_token else []),
+        f"{found.path}: {shown(state)}{reason}",
+        *(f"  {shown(fact)}" for fact in facts),
         *(f"  {topic:<16} {count:>8} messages" for topic, count in sorted(end.messages.items())),
         *(f"  {name}: {_short(text)}" for name, text in (found.run | found.clock).items()),
     ]
@@ -133,11 +138,9 @@ def _short(text: str) -> str:
     return shown if len(text) <= _LONG else f"{shown}... ({len(text)} characters)"
 
 
-def _damage(found: "LogInfo") -> str:
-    lost = f"{found.end.lost_bytes} bytes cannot be read" + (
-        f", {found.end.dropped_events} events lost with them" * bool(found.end.dropped_events)
-    )
-    return f"not whole ({found.end.damage or 'it was not closed'}; {lost}); `stepdiag recover` mends it"
+def _damage(found: "LogInfo") -> Message:
+    end = found.end
+    return message("log-not-whole", why=end.damage or message("not-closed"), lost=end.lost_bytes, dropped=end.dropped_events)
 
 
 def _recovery_json(done: "Recovery") -> dict[str, object]:
@@ -153,11 +156,10 @@ def _recovery_json(done: "Recovery") -> dict[str, object]:
 
 
 def _recovery_text(done: "Recovery") -> str:
-    return (
-        f"{done.target} written: {done.end.events} events in {done.messages} messages kept, opened again and counted\n"
-        f"  {done.source}: {done.end.damage}; {done.end.lost_bytes} bytes and {done.end.dropped_events} events could not be kept. "
-        "It is still there, as it was."
-    )
+    end = done.end
+    kept = message("log-mended", path=str(done.target), events=end.events, messages=done.messages)
+    lost = message("log-lost", path=str(done.source), why=end.damage, lost=end.lost_bytes, dropped=end.dropped_events)
+    return f"{shown(kept)}\n  {shown(lost)}"
 
 
 def _wall(wall_ns: int) -> str:

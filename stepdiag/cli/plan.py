@@ -162,7 +162,7 @@ def _print(advice: "Advice", *, asked: bool) -> None:
     from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    console.print(in_words(advice.forecast), highlight=False)
+    print_words(in_words(advice.forecast))
     console.print(forecast_table(advice.forecast))
     console.print(front_table(advice))
     if advice.best is not None:

@@ -13,6 +13,7 @@ from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
 from stepdiag.cli.runs import files_of, with_files
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
+from stepdiag.terminal.viewer import print_words, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,7 +106,6 @@ def in_lines(document: "Mapping[str, Any]") -> list[str]:
     """Return the JSON of a conclusion as lines of a terminal."""
     from stepdiag.conclusion import titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
-    from stepdiag.terminal.viewer import viewers_language
 
     language = viewers_language()
     return list(conclusion_lines(words_of(document, language), titles_of(language)))
@@ -156,7 +156,8 @@ def replay(
     if as_json:
         typer.echo(json.dumps(compared.as_json(), indent=2))
     else:
-        typer.echo(compared.in_words())
+        for line in compared.in_words():
+            print_words(line)
     if compared.different:
         raise DataError(
             str(compared.live),
