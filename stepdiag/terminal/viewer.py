@@ -3,8 +3,6 @@
 import os
 from typing import TYPE_CHECKING
 
-import typer
-
 from stepdiag.base.messages import Message, Words, rendered
 from stepdiag.terminal.printable import printable
 from stepdiag.texts.texts import LANGUAGES, Language
@@ -21,6 +19,8 @@ def viewers_language() -> Language:
 
 def print_words(words: Words, *, err: bool = False) -> None:
     """Print a message in the language of its reader."""
+    import typer
+
     typer.echo(shown(words), err=err)
 
 

@@ -197,7 +197,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -
 
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.mcap: expected a log, found No such file"):
+    with pytest.raises(DataError, match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file"):
         open_log(tmp_path / "none.mcap")
 
 
