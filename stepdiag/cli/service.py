@@ -64,7 +64,7 @@ def publish(
     _show(steps, texts=dry_run and not end)
     for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
         print_words(
-            message("credential", name=each, file=f"{file.stem}.{each}", state=message("identified-yes" if found else "left-out-alone"))
+            message("credential", name=each, file=f"{file.stem}.{each}", state=message("credential-found" if found else "left-out-alone"))
         )
     if not dry_run:
         carry_out(steps)

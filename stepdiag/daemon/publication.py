@@ -73,7 +73,9 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
     if there[user] != there[password]:
         has, lacks = (user, password) if there[user] else (password, user)
         raise UsageError(
-            str(folder), expected=message("option-pair", one=f"{name}.{has}", other=f"{name}.{lacks}"), found=message("one-of-both")
+            str(folder),
+            expected=message("option-pair", one=f"{name}.{has}", other=f"{name}.{lacks}"),
+            found=message("alone-there", name=f"{name}.{has}"),
         )
     return there
 
