@@ -114,7 +114,7 @@ def _resolved(folder: str, workers: int) -> tuple[float, float]:
 def main() -> None:
     """Solve all surveys of a store anew and print the seconds between the first and the last that is done, and the peak memory."""
     store, workers = Store(sys.argv[1]), int(sys.argv[2])
-    done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers=workers)]
+    done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers)]
     sys.stdout.write(f"{(done[-1] - done[workers - 1]) * len(done) / (len(done) - workers)} {peak_mb()}\n")
 
 

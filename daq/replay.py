@@ -16,6 +16,7 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.survey_folder import logs_in
+from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.bundle import bundle_from_run
 from stepdiag.daq.survey.file import parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
@@ -41,6 +42,11 @@ class Replayed:
     book: PassBook
     logs: tuple[ReplayedLog, ...]
     findings: tuple[Finding, ...]
+
+    @property
+    def stops(self) -> list[CapturedStop]:
+        """Return every stop of the logs in the order of its capture."""
+        return [each for log in self.logs for each in log.outcomes if isinstance(each, CapturedStop)]
 
 
 def begun_logs(folder: Path) -> list[Path]:
@@ -81,7 +87,9 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text
     for log in opened:
-        if log.header.survey_text != text:
+        if extends(log.header.survey_text, text):
+            text = log.header.survey_text
+        elif not extends(text, log.header.survey_text):
             raise DataError(
                 str(log.path), expected=message("file-of", name=opened[0].path.name), found=message("another-one"), remedy=message("alone")
             )

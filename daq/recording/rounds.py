@@ -8,7 +8,9 @@
 import errno
 import os
 import re
+import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +19,7 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
+from stepdiag.base.disk.part import part_of
 from stepdiag.base.disk.system import lock
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
@@ -32,6 +35,7 @@ from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
+from stepdiag.daq.survey.amended import extends
 
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
@@ -114,17 +118,18 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to go on with: the last one where it is not complete and was recorded with this very survey file, else a new one.
+    """Return the round to go on with: the last one where it was recorded with this very survey file and is not complete, or this file has
+    further setups; else a new one.
 
     Logs that were cut off are mended first, into new files.
     """
     rounds = round_folders(folder)
     if not rounds:
         return _new_round(folder, 1, run)
-    last = rounds[-1]
-    mend(last)
+    mend(rounds[-1])
+    last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
-    if (last / RESULT).exists() or any(open_log(log).header.survey_text != survey_text for log in logs):
+    if (last / RESULT).exists() or not all(extends(survey_text, open_log(log).header.survey_text) for log in logs):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     noted = [noted_in(log) for log in logs]
     used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
@@ -136,6 +141,32 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
         findings=tuple(found for each in noted for found in each.findings),
         verdicts=verdicts_in(last),
     )
+
+
+def gone_on_with(folder: Path, survey_text: str) -> Path:
+    """Return the folder of a round that has no result yet: the round itself; where a survey file has further setups than one with a result,
+    a new one that holds the same logs. What a person or the solver has stated beside them is in it, too."""
+    logs = begun_logs(folder)
+    recorded = {open_log(log).header.survey_text for log in logs}
+    if not (folder / RESULT).exists() or survey_text in recorded or not all(extends(survey_text, one) for one in recorded):
+        return folder
+    new = folder.with_name(f"{int(folder.name) + 1:04d}")
+    if not new.exists():
+        with part_of(new) as part:
+            (part / "round").mkdir()
+            for path in (*logs, *folder.glob("*.jsonl")):
+                _copied(path, part / "round" / path.name)
+            (part / "round").rename(new)
+    return new
+
+
+def _copied(path: Path, target: Path) -> None:
+    """Have a file under another name, too; logs are never written to again, all else is."""
+    with suppress(OSError):
+        if path.suffix != ".jsonl":
+            target.hardlink_to(path)
+            return
+    shutil.copyfile(path, target)
 
 
 def next_round(begun: Round) -> Round:

@@ -9,6 +9,7 @@ MODULES = (
     "status",
     "accept",
     "begin",
+    "stream",
     "solve",
     "runs",
     "logs",
@@ -16,8 +17,10 @@ MODULES = (
     "certificate",
     "control",
     "sign_test",
+    "proof",
     "program",
     "plan",
+    "ahead",
     "fourdof",
     "fleet",
     "publish",
@@ -30,6 +33,7 @@ LINUX_ONLY = frozenset(
         "check",
         "demo",
         "fleet",
+        "proof",
         "publish",
         "run",
         "service install",
@@ -37,6 +41,7 @@ LINUX_ONLY = frozenset(
         "service remove",
         "setup",
         "status",
+        "stream",
     }
 )
 """Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""

@@ -145,11 +145,20 @@ def _print_load(written: "ExportReport") -> None:
 
 
 def import_(
-    file: Path,
-    chain: Annotated[str, typer.Option()],
+    files: list[str],
     out: Annotated[Path, typer.Option()],
+    chain: str = "",
+    columns: Annotated[list[str] | None, typer.Option("--map")] = None,
 ) -> None:
     """Take over what other software measured."""
+    if columns:
+        from stepdiag.cli.runs import import_tables
+
+        import_tables(files, columns, out)
+        return
+    if len(files) != 1 or not chain:
+        raise UsageError("import", expected=message("import-options"), found=" ".join(files))
+    file = Path(files[0])
     from stepdiag.base.files import read_bytes, write_new
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.neutral import etalon
@@ -190,7 +199,7 @@ def verify(
     if not files:
         _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
-    given, aside = _tables_among(files)
+    given, aside = tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
@@ -261,7 +270,7 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
     return {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]} if beside else {}
 
 
-def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
+def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
     """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
 
     A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by

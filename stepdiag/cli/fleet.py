@@ -1,7 +1,7 @@
 """``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +15,7 @@ from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
+    from stepdiag.fleet.resolve import Scheduler
     from stepdiag.fleet.trend import Trend
     from stepdiag.texts.texts import Language
 
@@ -131,20 +132,26 @@ def fleet(
     language: str = "en",
 ) -> None:
     """Show all machines of a store in the browser, worst first."""
+    from secrets import token_urlsafe
+
     from stepdiag.fleet.page import LOOPBACK, Sheets, create_app, serve
     from stepdiag.fleet.store import Store
 
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
     chosen = _language(language)
     sheets.sheet(chosen)
-    print_words(message("fleet-page", address=f"http://{host}:{port}/", store=store))
-    serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
+    token = token_urlsafe(18)
+    print_words(message("fleet-page", address=f"http://{host}:{port}/?token={token}", store=store))
+    serve(create_app(sheets, chosen, token, (*LOOPBACK, host.lower())), host, port)
 
 
 def resolve(
     store: str,
     workers: Annotated[int | None, typer.Option(min=1, max=256)] = None,
     scheduler: str = "",
+    ca: Path | None = None,
+    certificate: Path | None = None,
+    key: Path | None = None,
     machine: str = "",
     survey: Annotated[Path | None, typer.Option("--survey")] = None,
     as_json: AsJson = False,
@@ -160,12 +167,14 @@ def resolve(
         raise UsageError("--survey", expected=message("with-option", option="--machine"), found=message("none"))
     if workers is not None and scheduler:
         raise UsageError("--workers", expected=message("without-option", option="--scheduler"), found=scheduler)
+    files = {"--ca": ca, "--certificate": certificate, "--key": key}
+    by = _scheduler(scheduler, files) if scheduler or any(files.values()) else workers or 2
     text = read_text(survey) if survey is not None else ""
     place = Store(store)
     surveys = resolving.open_surveys(place, machine)
     found = []
     try:
-        for each in resolving.resolve(place, surveys, workers=workers or 2, scheduler=scheduler, survey=text):
+        for each in resolving.resolve(place, surveys, by, survey=text):
             found.append(each)
             outcome = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
             typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {outcome}", err=as_json)
@@ -179,6 +188,19 @@ def resolve(
             store, expected=message("solved-by-version"), found=message("some-unsolved", count=len(failed), of=len(found)),
             remedy=message("survey-instead"),
         )  # fmt: skip
+
+
+def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
+    """Return the scheduler that is named. Raises UsageError for one without TLS: it would run the code of whoever reaches it."""
+    from stepdiag.fleet.resolve import Scheduler
+
+    if not address.startswith("tls://"):
+        raise UsageError("--scheduler", expected="tls://HOST:PORT: Dask runs whatever code a client sends", found=address or "none")
+    given = {option: file for option, file in files.items() if file is not None and file.is_file()}
+    for option, file in files.items():
+        if option not in given:
+            raise UsageError(option, expected="a file (PEM) beside --scheduler", found="none" if file is None else f"no file {file}")
+    return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
 
 
 def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "tuple[list[Trend], tuple[LeftOut, ...]]":

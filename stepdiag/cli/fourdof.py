@@ -139,11 +139,11 @@ def commission(
     """Calibrate the head with the machine as its stage."""
     if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
         if controller is None or calibration is not None:
-            raise UsageError("fourdof commission", expected=message("commission-survey"), found=sources[0].name)
+            raise UsageError("fourdof commission", expected=message("commission-program-options"), found=sources[0].name)
         _commission_program(sources[0], controller, profile, out)
         return
     if calibration is None or controller is not None or profile is not None:
-        raise UsageError("fourdof commission", expected=message("commission-logs"), found=sources[0].name)
+        raise UsageError("fourdof commission", expected=message("commission-logs-options"), found=sources[0].name)
     _commission_logs(sources, calibration, out, as_json=as_json)
 
 

@@ -36,13 +36,18 @@ def plan(
 ) -> None:
     """Predict what a survey will tell, and in what time."""
     from stepdiag.completion.foreseen import circumstances
+    from stepdiag.daq.recording.rounds import noted_stops, round_folders
+    from stepdiag.daq.replay import begun_logs
+    from stepdiag.daq.service.remaining import own_minutes
     from stepdiag.daq.survey.file import load_survey
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
             raise UsageError(name, expected=message("number-above-0"), found=f"{value:g}")
     survey = load_survey(file)
-    advice = _advise(survey.planned, circumstances(survey, file.parent), minutes, target_um)
+    folders = round_folders(survey.folder(file))
+    stops = [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
+    advice = _advise(own_minutes(survey, stops), circumstances(survey, file.parent), minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
     if as_json:

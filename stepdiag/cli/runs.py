@@ -1,4 +1,4 @@
-"""Linear runs and straight diagonals of other programs: ``--run`` of solve, ``--diagonal`` of verify, and ``stepdiag rtl``."""
+"""Runs of other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of ``import``, and ``stepdiag rtl``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -106,7 +106,7 @@ def print_compared(each: Compared) -> None:
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
 
 
-def _placed(option: str) -> tuple[str, Path, list[float]]:
+def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
     """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where absent. Raises UsageError."""
     from stepdiag.base.names import LINEAR_RUNS
 
@@ -116,14 +116,39 @@ def _placed(option: str) -> tuple[str, Path, list[float]]:
     setup, separator, name = rest.partition("=")
     if not separator:
         setup, name = "", rest
-    if setup and setup not in LINEAR_RUNS:
-        raise UsageError("--run", expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup))
+    if (setup or where != "--run") and setup not in LINEAR_RUNS:
+        raise UsageError(where, expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup))
     try:
         at_mm = [float(part or "nan") for part in place.split(",")] if place else []
     except ValueError:
         at_mm = [0.0]
     if len(at_mm) not in (0, 3):
-        raise UsageError(
-            "--run", expected=message("such-as", what=message("coordinates-after-at"), example="@0,200,150"), found=repr(place)
-        )
+        expected = message("such-as", what=message("coordinates-after-at"), example="@0,200,150")
+        raise UsageError(where, expected=expected, found=repr(place))
     return setup, Path(name), [0.0 if each != each else each for each in at_mm]  # noqa: PLR0124 - the one along the axis may be left out
+
+
+def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> None:
+    """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder. Raises DataError or UsageError."""
+    import numpy as np
+
+    from stepdiag.base.files import read_text, write_together
+    from stepdiag.base.readings.readings import render_readings
+    from stepdiag.fourdof.tables import angles_of, columns_named, parse_run, readings_of, straightness_of
+    from stepdiag.solver.model.angles import render_angles
+    from stepdiag.solver.model.straightness_file import render_straightness
+
+    named = columns_named(columns)
+    placed = [_placed(table, "TABLES") for table in tables]
+    runs = [parse_run(read_text(path), setup, named, path.name) for setup, path, _ in placed]
+    readings = readings_of(runs, named, [np.array(at_mm or [0.0, 0.0, 0.0]) for _, _, at_mm in placed])
+    angles, straightness = angles_of(runs, named), straightness_of(runs, named)
+    texts = {
+        "readings.csv": render_readings(readings) if readings is not None else "",
+        "angles.csv": render_angles(angles) if angles else "",
+        "straightness.csv": render_straightness(straightness) if straightness else "",
+    }
+    write_together({out / name: text.encode("utf-8") for name, text in texts.items() if text}, over=False)
+    for name, text in texts.items():
+        if text:
+            typer.echo(str(out / name))

@@ -68,6 +68,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "findings": [msgspec.to_builtins(each) for each in found.findings],
         "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [_plain(setup) for setup in found.setups],
+        "ahead": {"setup": found.ahead.setup, "further": found.ahead.further, "text": str(found.ahead.words)},
         "live": _plain(found.live),
         "disk": str(found.disk),
         "logs": [asdict(log) | {"trouble": str(log.trouble)} for log in found.logs],
@@ -106,6 +107,8 @@ def _print(found: "Standing") -> None:
         typer.echo(shown(message("survey-file-changed")))
     for line in _next(found):
         typer.echo(shown(line))
+    if found.ahead.words:
+        typer.echo(shown(message("status-ahead", what=found.ahead.words)))
     for line in _concluded(found):
         typer.echo(line)
 

@@ -21,6 +21,7 @@ from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
+from stepdiag.completion.proof import proof_findings
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.survey_time import clock_findings, span_s
@@ -133,6 +134,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unmeasured))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
+        *proof_findings(survey, replayed.files, readings),
         *compensation_findings(survey),
         *unchecked(survey, {*(one.name for one in unmeasured), *(environment or {})}),
         *clock_findings(replayed.book),

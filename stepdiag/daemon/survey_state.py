@@ -12,13 +12,15 @@ from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
-from stepdiag.daq.records.status import DriveStatus, FindingStatus, SetupStatus
+from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.daq.service.ahead import ahead_in
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.remaining import to_drive
 from stepdiag.daq.service.snapshot import setup_statuses
+from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.terminal.progress import counted
@@ -56,6 +58,8 @@ class Standing:
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
+    ahead: AheadStatus
+    """What to drive next, by what is solved so far."""
     disk: Words
     """The finding of the disk; empty while there is room."""
 
@@ -87,8 +91,8 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
     paths = logs_in(last) if last is not None else []
     recorded, noted, logs = _read(paths)
-    changed = bool(text and recorded and recorded != text)
-    known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
+    changed = bool(text and recorded and not extends(text, recorded))
+    known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
     if known is None:
         raise DataError(
             str(last),
@@ -117,6 +121,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         setups=setup_statuses(known, book, drives),
         to_drive=drives,
         logs=tuple(logs),
+        ahead=AheadStatus() if last is None else ahead_in(last),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )
@@ -127,8 +132,10 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
     text, noted, logs = "", list[Noted](), list[LogStanding]()
     for path in counted(paths, message("reading-logs"), len(paths)):
         try:
-            header = open_log(path).header
-            if text and header.survey_text != text:
+            own = open_log(path).header.survey_text
+            if not text or extends(own, text):
+                text = own
+            elif not extends(text, own):
                 raise DataError(
                     str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
@@ -137,7 +144,6 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
             trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
-        text = text or header.survey_text
         noted.append(found)
         cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))

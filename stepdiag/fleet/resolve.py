@@ -1,20 +1,29 @@
-"""Today's solver over every archived survey: one task a survey on Dask, what comes of it beside the old result.
+"""Today's solver over every archived survey: one task a survey, its result beside the old one.
 
-A worker that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since what stands in the
+The tasks run in processes of this computer, which have pipes and no ports, or on the workers of a Dask scheduler, by TLS with certificates
+on both sides: a scheduler runs any code that a client sends, so without a certificate every account of the computer is its owner. A worker
+that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since a survey that stands in the
 store is not computed again. Without a change of software the bytes are the same: that is the self-test.
 """
 
 import json
+import multiprocessing
 import os
+import resource
+import signal
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import as_completed as completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal
 
-from distributed import Client, KilledWorker, LocalCluster, as_completed
+from distributed import Client, KilledWorker, as_completed
+from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.base.files import as_text
@@ -30,6 +39,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store, sha256
 from stepdiag.fleet.tables import table_of, to_parquet
+from stepdiag.page.confine import die_with_parent
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -37,7 +47,8 @@ RETRIES = 3
 """How often a survey is begun anew when its worker is lost or the store is away for a moment."""
 ROUNDING = 0.002
 """The same readings give the same figure; more than this (um, urad, um/m) is more than its last written digit."""
-WORKER_MEMORY = "2GB"
+WORKER_MEMORY = 2 * 10**9
+"""Bytes of data that a worker of this computer may hold."""
 PATIENCE_S = 20
 
 
@@ -64,14 +75,38 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
     return [each for each in archived if (each.machine, each.survey) not in done]
 
 
-def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "", survey: str = "") -> Iterator[Solved]:
-    """Solve surveys anew on ``workers`` processes of this computer, or on those of a ``scheduler``; yield each as it is done.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scheduler:
+    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) by which both sides prove who they are."""
+
+    address: str
+    ca: Path
+    certificate: Path
+    key: Path
+
+    def connected(self) -> Client:
+        """Return a client of the scheduler. Raises DeviceError where it cannot be reached, or proves to be another one."""
+        try:
+            security = Security(
+                require_encryption=True, tls_ca_file=str(self.ca), tls_client_cert=str(self.certificate), tls_client_key=str(self.key)
+            )
+            return Client(self.address, timeout=PATIENCE_S, security=security)
+        except (OSError, ValueError) as error:
+            found = str(error) or type(error).__name__
+            raise DeviceError(self.address, expected="a Dask scheduler with a certificate of this CA", found=found) from error
+
+
+def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
+    """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers; yield each as it is done.
 
     ``survey`` is the text of a survey file that stands for those in the logs that are not read any more.
 
     Raises DeviceError where the scheduler cannot be reached.
     """
-    with _client(workers, scheduler) as client:
+    if isinstance(by, int):
+        yield from _solved_here(store, places, by, survey)
+        return
+    with by.connected() as client:
         waiting = iter(places)
 
         asked: dict[Any, Place] = {}
@@ -91,16 +126,73 @@ def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, schedule
                 running.add(more)
 
 
+def _solved_here(store: Store, places: Sequence[Place], workers: int, survey: str) -> Iterator[Solved]:
+    """Solve surveys in so many lanes of this computer: a thread each, which waits for a process of its own."""
+    lanes: SimpleQueue[_Lane] = SimpleQueue()
+    for _ in range(workers):
+        lanes.put(_Lane())
+    with ThreadPoolExecutor(workers) as threads:
+        try:
+            tasks = [threads.submit(_in_a_lane, lanes, store.address, place, survey) for place in places]
+            yield from (each.result() for each in completed(tasks))
+        finally:
+            threads.shutdown(cancel_futures=True)
+            for _ in range(workers):
+                lanes.get().close()
+
+
+def _in_a_lane(lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: str) -> Solved:
+    lane = lanes.get()
+    try:
+        return lane.solve(address, place, survey)
+    finally:
+        lanes.put(lane)
+
+
+class _Lane:
+    """One process after the other: a process that is lost is replaced, and its survey begun anew."""
+
+    def __init__(self) -> None:
+        self._process: ProcessPoolExecutor | None = None
+
+    def solve(self, address: str, place: Place, survey: str) -> Solved:
+        """Solve a survey; one that costs every process its life has failed."""
+        for _ in range(1 + RETRIES):
+            if self._process is None:
+                self._process = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_worker)
+            try:
+                return self._process.submit(solve_anew, address, place, survey).result()
+            except (BrokenProcessPool, MemoryError):
+                self.close()
+        return _lost(place)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.shutdown()
+            self._process = None
+
+
+def _begin_worker() -> None:
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the command, after the surveys that are being solved
+    resource.setrlimit(resource.RLIMIT_DATA, (WORKER_MEMORY, WORKER_MEMORY))
+
+
+def _lost(place: Place) -> Solved:
+    return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY / 1e9:g} GB)")
+
+
 def _outcome(future: Any, place: Place) -> Solved:
     """Return what a task came to; one that costs every worker its life is a survey that failed, and no reason to end."""
     try:
         solved: Solved = future.result()
     except KilledWorker:
-        return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY})")
+        return _lost(place)
     return solved
 
 
-def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") -> Solved:
+def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str = "") -> Solved:
     """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is reported, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
@@ -162,25 +254,6 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
             raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=sha256(data), remedy=remedy)
         (folder / name).write_bytes(data)
     return folder
-
-
-@contextmanager
-def _client(workers: int, scheduler: str) -> Iterator[Client]:
-    if scheduler:
-        try:
-            client = Client(scheduler, timeout=PATIENCE_S)
-        except (OSError, ValueError) as error:
-            raise DeviceError(scheduler, expected=message("dask-scheduler"), found=str(error) or type(error).__name__) from error
-        with client:
-            yield client
-        return
-    with (
-        LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=WORKER_MEMORY, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
 
 
 def as_json(solved: Sequence[Solved]) -> str:

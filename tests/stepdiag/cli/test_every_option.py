@@ -114,8 +114,11 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     ),
     "import": (
         ["import", "etalon.txt", "--chain", "FXYZ", "--out", "taken.json"],
-        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"]},
+        # tests/stepdiag/fourdof/test_tables.py tries --map
+        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"], "--map": []},
     ),
+    # tests/system/recording/test_further_setup.py tries --note, with the daemon
+    "next": (["next", "survey.toml"], {"--take": ["--take"], "--json": ["--json"], "--note": []}),
     "program": (
         ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
         {
@@ -209,7 +212,14 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
 After a colon stands what a call of the command is for, where it has several.
 """
 
-NEEDED = {"demo": [], "setup": ["new.toml"], "status": ["."], "fleet": ["store"], "publish": ["result.json", "--broker", "localhost"]}
+NEEDED = {
+    "demo": [],
+    "stream": ["survey.toml", "ppp", "x.csv", "--unit", "mm"],
+    "setup": ["new.toml"],
+    "status": ["."],
+    "fleet": ["store"],
+    "publish": ["result.json", "--broker", "localhost"],
+}
 """What the commands that need Linux take at least, where it is no survey file."""
 
 COVERED: dict[str, dict[str, list[str]]] = {
@@ -244,12 +254,13 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
     "begin": {},
+    "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
     "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
     "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
     "resolve": {
         "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
-        "system/service/test_resolve.py": ["--scheduler", "--workers"],
+        "system/service/test_resolve.py": ["--ca", "--certificate", "--key", "--scheduler", "--workers"],
     },
     "publish": {
         "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
@@ -259,6 +270,10 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "fourdof commission": {
         "system/recording/test_commission_head.py": ["--calibration", "--json"],
         "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
+    },
+    "proof": {
+        "system/recording/test_proof_run.py": ["--controller", "--json", "--minutes", "--out"],
+        "system/control/test_proof.py": ["--loaded", "--profile"],
     },
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
