@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import TABLES, tables
+from stepdiag.cli.completion import TABLES, AsJson, tables
 from stepdiag.terminal.viewer import shown
 
 if TYPE_CHECKING:
@@ -29,21 +29,15 @@ def register(app: typer.Typer) -> None:
 
 
 def proof(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML); or that of the proof run, for its verdict.")],
-    controller: Annotated[
-        str, typer.Option(help=f"The control that the files were loaded into: {', '.join(TABLES)}.", autocompletion=tables)
-    ] = "",
-    loaded: Annotated[Path | None, typer.Option(help="The folder of the export; without it that of the survey.")] = None,
-    profile: Annotated[Path | None, typer.Option(help="The profile of that export; without it that of the survey file.")] = None,
-    minutes: Annotated[float, typer.Option(help="Minutes of driving: diagonal and line are repeated as they allow.")] = MINUTES,
-    out: Annotated[Path | None, typer.Option(help="The folder for the NC programs.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    controller: Annotated[str, typer.Option(autocompletion=tables)] = "",
+    loaded: Path | None = None,
+    profile: Path | None = None,
+    minutes: float = MINUTES,
+    out: Path | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Prove that loaded tables act as exported.
-
-    Writes the survey file of the proof run and its NC programs, and prints what the run will see of each table. `stepdiag run` records
-    it; `stepdiag proof` on its file prints the verdict: keep the tables, restore the control (exit code 5), or not decided (3).
-    """
+    """Prove that loaded tables act as exported."""
     from stepdiag.daq.survey.file import load_survey
 
     survey = load_survey(file)
