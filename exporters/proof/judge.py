@@ -7,6 +7,8 @@ or it was loaded twice; where two axes were taken for each other, the tables of 
 fault explains one function, all functions of a kind of table, or all. Explanations are added one at a time, as long as each makes the
 readings `NAMED` times as likely as those before it.
 
+Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond U of the factor.
+
 A table is decided where every other state of it makes the readings `SURE` times less likely, by itself and with all of its kind; one that
 is not decided is shown with its factor and U. The tables are kept where every one of them is decided to be right, or too small to matter:
 what the states that remain differ by is no more than U of the survey's own readings.
@@ -25,7 +27,7 @@ from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed
-from stepdiag.exporters.safety.verdicts.regression import Measured
+from stepdiag.exporters.safety.verdicts.regression import SIZED, Measured
 from stepdiag.exporters.safety.verdicts.verdict import Code
 from stepdiag.exporters.tables.tables import Table
 
@@ -120,13 +122,24 @@ class _Case:
             for some, pair in product(dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]), combinations("XYZ", 2)):
                 yield self._exchanged(than, some, *pair)
 
+    def sized(self, than: _Explained) -> Iterator[_Explained]:
+        """Yield explanations in which the factor of one group is the one that fits best, where that is no longer the state it has."""
+        for group in self.groups:
+            together = sum((self.seen[name] for name in group), self.nothing)
+            beside = than.predicted_um - sum((than.states[name][1] * self.seen[name] for name in group), self.nothing)
+            column, rest = self.fit.weigh @ together, self.fit.values - self.fit.weigh @ beside
+            size = float(column @ column)
+            if size > 0.0 and all(than.states[name][0] != "axes-swapped" for name in group):
+                factor = float(column @ rest) / size
+                state = (_code(factor, self.fit.sigma_um / float(np.sqrt(size))), factor)
+                if any(than.states[name][0] != state[0] for name in group):
+                    yield _Explained(states={**than.states, **dict.fromkeys(group, state)}, predicted_um=beside + factor * together)
+
     def _exchanged(self, than: _Explained, kinds: Sequence[str], one: str, other: str) -> _Explained:
         mine = [table for table in self.tables if table.kind in kinds and {table.input_axis, table.output_axis} & {one, other}]
         turned = columns([exchanged(table, one, other) for table in mine], self.ways)
         names = {table.name for table in mine if table.name in self.seen}
-        moved = sum(turned.values(), np.zeros(len(self.change_um))) - sum(
-            (self.seen[name] for name in names), np.zeros(len(self.change_um))
-        )
+        moved = sum(turned.values(), self.nothing) - sum((self.seen[name] for name in names), self.nothing)
         swapped: tuple[Code, float] = ("axes-swapped", 0.0)
         return _Explained(states={**than.states, **dict.fromkeys(names, swapped)}, predicted_um=than.predicted_um + moved)
 
@@ -140,7 +153,7 @@ def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Ta
     case = _Case(before, after, acting, replaced)
     best = case.right()
     for _ in range(len(case.seen)):
-        found = min(case.others(best), key=case.misfit, default=best)
+        found = min([*case.others(best), *case.sized(best)], key=case.misfit, default=best)
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
@@ -161,8 +174,14 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
     )  # fmt: skip
 
 
+def _code(factor: float, u: float) -> Code:
+    """Return the state that a factor stands for, within the size that is let pass or its uncertainty; else scaled."""
+    code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
+    return code if abs(factor - exact) <= max(SIZED, 2.0 * u) else "scaled"
+
+
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function from the readings alone, rms over its positions; 0 where the result does not know it."""
-    found = result.errors.get(function)
+    """Return U of a function (of a product its first one) from the readings alone, rms over its positions; 0 of one that is not known."""
+    found = result.errors.get(function[:3])
     u = None if found is None else found.u if found.u_readings is None else found.u_readings
     return 0.0 if u is None else 2.0 * rms(u)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 from stepdiag.api.plots import plot_closure, plot_field, plot_functions
 from stepdiag.api.recorded import RecordedLog, read_log
 from stepdiag.api.tables import frame, table
-from stepdiag.base.files import read_text, write_once
+from stepdiag.base.files import read_hashed, read_text, write_hashed
 from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.comparing.compare import Comparison, compare
@@ -80,12 +80,12 @@ def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
 
 def load_result(path: Path | str) -> Result:
     """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as `load_readings`."""
-    return parse_result(read_text(Path(path)), Path(path).name)
+    return parse_result(read_hashed(Path(path)), Path(path).name)
 
 
 def save_result(result: Result, path: Path | str) -> None:
     """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where another file is in its place."""
-    write_once(Path(path), result.to_json())
+    write_hashed(Path(path), result.to_json())
 
 
 def export(

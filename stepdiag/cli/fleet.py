@@ -76,6 +76,25 @@ def add(
         typer.echo(json.dumps(rows, indent=2))
 
 
+@archive.command()
+def check(store: str) -> None:
+    """Read every byte of a store, and name each file that is not as it was written."""
+    with extra_needed("fleet"):
+        from stepdiag.fleet import custody
+        from stepdiag.fleet.store import Store
+    from stepdiag.terminal.printable import printable
+
+    place = Store(store)
+    broken = list(custody.check(place))
+    for name, why in broken:
+        typer.echo(printable(f"{name}: {why}"), err=True)
+    if broken:
+        raise DataError(
+            store, expected=message("files-unchanged"), found=message("number-damaged", count=len(broken)), remedy=message("lines-above")
+        )
+    print_words(message("store-holds", store=store, count=len(place.tables())))
+
+
 def trend(
     store: str,
     machine: str = "",
@@ -195,11 +214,11 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):
-        raise UsageError("--scheduler", expected="tls://HOST:PORT: Dask runs whatever code a client sends", found=address or "none")
+        raise UsageError("--scheduler", expected=message("tls-scheduler"), found=address or message("none"))
     given = {option: file for option, file in files.items() if file is not None and file.is_file()}
     for option, file in files.items():
         if option not in given:
-            raise UsageError(option, expected="a file (PEM) beside --scheduler", found="none" if file is None else f"no file {file}")
+            raise UsageError(option, expected=message("pem-beside-scheduler"), found=str(file) if file else message("none"))
     return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
 
 

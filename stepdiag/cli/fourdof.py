@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
-ALIGN_S, WOBBLE_S, STABILITY_S = 3600.0, 20.0, 960.0
+ALIGN_S, STABILITY_S = 3600.0, 960.0
 """How long a live head is recorded where nothing is stated."""
 
 commands = typer.Typer(no_args_is_help=True)
@@ -41,37 +41,6 @@ def align(source: Path, seconds: Seconds = None) -> None:
 
     with view.live():
         listen_to_head(load_survey(source), source.name, seconds or ALIGN_S, view.take)
-
-
-@commands.command()
-def signs(
-    at: Annotated[list[str], typer.Option()],
-    calibration: Annotated[Path, typer.Option()],
-    out: Annotated[Path, typer.Option()],
-    seconds: Seconds = None,
-    as_json: AsJson = False,
-) -> None:
-    """Find the signs of PSD1 and PSD2 and the lever."""
-    import msgspec
-
-    from stepdiag.fourdof.commissioning import signs_of
-    from stepdiag.head.view import signs_lines
-
-    file = read_calibration(calibration)
-    places = [_place(text) for text in at]
-    found = signs_of(
-        [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
-        file,
-    )
-    write_calibration(out, found.file.with_measured("fourdof signs", _today(), "lever"))
-    if as_json:
-        lever = msgspec.structs.asdict(found.lever)
-        factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
-        typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
-        return
-    for line in signs_lines(found):
-        typer.echo(line)
-    typer.echo(f"written: {out}")
 
 
 @commands.command()
@@ -269,16 +238,6 @@ def _today() -> str:
     from datetime import UTC, datetime
 
     return datetime.now(UTC).date().isoformat()
-
-
-def _place(text: str) -> tuple[float, Path]:
-    distance, _, source = text.partition("=")
-    try:
-        return float(distance), Path(source)
-    except ValueError as error:
-        raise UsageError(
-            "--at", expected=message("such-as", what=message("distance-source"), example="500=near.csv"), found=repr(text)
-        ) from error
 
 
 def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":

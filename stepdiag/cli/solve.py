@@ -137,10 +137,9 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
 
 
 def _write_result(out: Path, result: "Result") -> None:
-    from stepdiag.base.files import write_once
+    from stepdiag.base.files import write_hashed
 
-    target = out / "result.json" if out.is_dir() else out
-    write_once(target, result.to_json())
+    write_hashed(out / "result.json" if out.is_dir() else out, result.to_json())
 
 
 def replay(

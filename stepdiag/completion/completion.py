@@ -16,7 +16,7 @@ import msgspec
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
-from stepdiag.base.files import as_text, holds, write_atomically, write_once
+from stepdiag.base.files import as_text, holds, write_atomically, write_hashed, write_once
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
@@ -81,7 +81,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
-    write_once(out / RESULT, text)
+    write_hashed(out / RESULT, text)
     return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
 
 

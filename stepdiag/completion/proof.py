@@ -26,8 +26,10 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.proof.judge import Proof, Proved, prove
 from stepdiag.exporters.proof.plan import ProofPlan, plan_proof
 from stepdiag.exporters.safety.sign_evidence import subject
+from stepdiag.exporters.safety.verdicts.lattice import parts_of
 from stepdiag.exporters.safety.verdicts.verdict import Code
 from stepdiag.exporters.safety.verify import acting_in
+from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table
@@ -70,7 +72,9 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
     name, day = f"{survey.identity.name}-proof-{given.round.name}", datetime.now(tz=UTC).date()
 
     def with_setups(setups: Sequence[str], repeats: int) -> str:
-        plan = msgspec.structs.replace(survey.plan, setups=tuple(setups), repeats=repeats, axis_orders=(), beam_offset=())
+        plan = msgspec.structs.replace(
+            survey.plan, setups=tuple(setups), repeats=repeats, axis_orders=survey.plan.axis_orders[:1], beam_offset=()
+        )
         return as_proof(text, given.survey.name, name=name, plan=plan, active=active, day=day, proof=proof)
 
     draft = parse_survey(with_setups(survey.plan.setups, 1), given.survey.name)
@@ -92,8 +96,15 @@ class Loaded:
     files: tuple[ControlFile, ...]
 
     def tables(self) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables that act now, and those that acted during the survey."""
+        """Return the tables that act now, and those that acted during the survey; of a lattice its curves and products."""
+        if len(self.files) == 1 and lattice.recognises(self.files[0]):
+            on = self.profile.machine.measured_with == "on"
+            return self._parts(self.files), self._parts(self.profile.existing if on else ())
         return acting_in(self.result, self.controller, self.files, self.profile)
+
+    def _parts(self, files: Sequence[ControlFile]) -> tuple[Table, ...]:
+        held = [lattice.parse(file) for file in files if lattice.recognises(file)]
+        return tuple(part for each in held for part in parts_of(each.correction_um, each.axes_mm, self.result.volume))
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:

@@ -26,7 +26,6 @@ from distributed import Client, KilledWorker, as_completed
 from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
-from stepdiag.base.files import as_text
 from stepdiag.base.messages import message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
@@ -36,10 +35,11 @@ from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.fleet.archive import put_table
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store, sha256
+from stepdiag.fleet.store import Place, Store, sha256
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.page.confine import die_with_parent
+from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -93,7 +93,7 @@ class Scheduler:
             return Client(self.address, timeout=PATIENCE_S, security=security)
         except (OSError, ValueError) as error:
             found = str(error) or type(error).__name__
-            raise DeviceError(self.address, expected="a Dask scheduler with a certificate of this CA", found=found) from error
+            raise DeviceError(self.address, expected=message("dask-scheduler"), found=found) from error
 
 
 def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
@@ -203,7 +203,7 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
             instead = _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
-            old = as_text(store.read(f"{place.folder}/{RESULT}"), f"{place.folder}/{RESULT}")
+            old = (folder / RESULT).read_text(encoding="utf-8")
             by = "by the survey file given" if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
@@ -234,7 +234,8 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
-    store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), sha256(new.encode("utf-8"))))
+    digest = sha256(new.encode("utf-8"))
+    put_table(store, here, {RESULT: digest}, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), digest))
     found = compare(parse_result(old, RESULT), after).changes
     return tuple(
         f"{each.name} by {each.difference:+.3f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
@@ -244,15 +245,14 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
-    """Copy logs and words of a survey out of the store."""
-    archived = store.files_of(place)
+    """Copy logs, words and result of a survey out of the store, each compared with its hash."""
+    archived = store.listed(place).files
     folder.mkdir()
-    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in WORDS)):
-        data = store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES)
-        if sha256(data) != archived[name]:
+    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in (RESULT, *WORDS))):
+        found = store.copied(f"{place.folder}/{name}", folder / name)
+        if found != archived[name]:
             remedy = message("archive-again")
-            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=sha256(data), remedy=remedy)
-        (folder / name).write_bytes(data)
+            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=found, remedy=remedy)
     return folder
 
 

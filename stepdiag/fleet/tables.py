@@ -17,10 +17,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.files import LARGEST_BYTES
+from stepdiag.base.files import LARGEST_BYTES, as_text
 from stepdiag.base.messages import message
-from stepdiag.fleet.rows import About, Row
-from stepdiag.fleet.store import INDEX, Place, Store
+from stepdiag.base.result.result import parse_result
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.fleet.rows import About, Row, about, rows_of
+from stepdiag.fleet.store import INDEX, Place, Store, sha256, unsealed
 
 VERSION, OLDEST = "2", "1"
 """Tables of version 1 lack the columns from `u_common` on."""
@@ -129,15 +131,40 @@ def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
 
 
 def read_table(store: Store, place: Place) -> pa.Table:
-    """Return the rows of one survey, a table of `SCHEMA`. Raises DataError as `from_parquet` does."""
-    return from_parquet(store.read(place.table), place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
+    """Return the rows of one survey, a table of `SCHEMA`, whose bytes have the hash that the list of its files states.
+
+    Where an older version stated none, the rows are compared with those of its result. Raises DataError as `from_parquet` and
+    `Store.listed` do, and for bytes or rows that are others.
+    """
+    return _rows_in(store, place, store.listed(place).table)
+
+
+def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
+    data = store.read(place.table)
+    if stated and sha256(data) != stated:
+        raise DataError(place.table, expected=f"SHA-256 {stated}", found=sha256(data), remedy=_REMEDY)
+    rows = from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
+    if not stated:
+        result = store.read(f"{place.folder}/{RESULT}")
+        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (sha256(result), ""):
+            raise DataError(
+                place.table, expected=message("numbers-of", name=f"{place.folder}/{RESULT}"), found=message("another-one"), remedy=_REMEDY
+            )
+    return rows
+
+
+def rows_from(result: bytes, place: Place) -> pa.Table:
+    """Return the rows of a result in the store. Raises DataError for one that cannot be read."""
+    read = parse_result(as_text(result, f"{place.folder}/{RESULT}"), RESULT)
+    return table_of(about(read, place.survey), list(rows_of(read)))
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
     """Return the points of a store that has so many surveys, a table of `INDEX_SCHEMA`. Raises DataError as `from_parquet` does."""
     most = MOST_POINTS_A_SURVEY * surveys
     largest = max(LARGEST_BYTES, LARGEST_POINT_BYTES * most)
-    return from_parquet(store.read(INDEX, largest=largest), INDEX, INDEX_SCHEMA, max(MOST_ROWS, most), largest)
+    data = unsealed(store.read(INDEX, largest=largest), INDEX)
+    return from_parquet(data, INDEX, INDEX_SCHEMA, max(MOST_ROWS, most), largest)
 
 
 def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int) -> pa.Table:

@@ -14,14 +14,13 @@ from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.daq.timing.samples import Flag, Samples
 from stepdiag.fourdof.commission import HeadCommissioned
-from stepdiag.fourdof.commissioning import Calibrated, Signed
+from stepdiag.fourdof.commissioning import Calibrated
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
-from stepdiag.terminal.tables import finding_lines
 from stepdiag.terminal.viewer import empty_table, print_words, shown
 from stepdiag.texts.texts import UNITS
 
@@ -84,20 +83,6 @@ def _bar(value: float) -> str:
     if np.isfinite(value):
         cells[BAR + int(np.clip(round(value * BAR), -BAR, BAR))] = "O"
     return "".join(cells)
-
-
-def signs_lines(found: Signed) -> Iterator[str]:
-    """Yield the results of the wobble, line by line."""
-    for axis, each in found.axes.items():
-        turned = [name for name, sign in (("PSD1", each.psd1_sign), ("PSD2", each.psd2_sign)) if sign < 0]
-        signs = message("signs-turned", names=turned) if turned else message("signs-right")
-        yield shown(message("wobble-signs", axis=axis, what=signs, gain=each.angle_gain))
-        levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
-        yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
-    lever = found.lever
-    u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
-    yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
-    yield from finding_lines(found.findings)
 
 
 def commission_table(done: HeadCommissioned) -> None:

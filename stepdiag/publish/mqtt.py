@@ -74,7 +74,7 @@ class _Publisher:
     async def run(self, *, once: bool) -> None:
         """Send until it is to end; a broker that is slow to hear the last words is not waited for."""
         self._stop = stopped_by_signal()
-        stand_back()
+        stand_back(self._watched.folder, calls=self._broker.port)
         sending, stopped = asyncio.create_task(self._run(once=once)), asyncio.create_task(self._stop.wait())
         await asyncio.wait({sending, stopped}, return_when=asyncio.FIRST_COMPLETED)
         stopped.cancel()

@@ -86,11 +86,11 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
     for each in watched.history():
         await station.offer(*each, new=False)
     await station.say(watched)
-    stand_back()
     try:
         await server.start()
     except OSError as error:
         raise DeviceError(endpoint.url, expected=message("free-address", address=endpoint.url), found=system_words(error)) from error
+    stand_back(watched.folder)
     _log.info("opcua-serves", address=endpoint.url)
     try:
         while not stop.is_set():

@@ -22,7 +22,7 @@ NAMES = ("EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 SETUPS = ("ppp", "linear-x")
 RESULT = made_result({}, volume=VOLUME)
 ALL = dict.fromkeys(NAMES, 1.0)
-CODES = {-1.0: "sign-turned", 0.0: "missing", 0.5: "scaled", 2.0: "scaled"}
+CODES = {-1.0: "sign-turned", 0.0: "missing", 0.5: "scaled", 2.0: "scaled", 1.5: "scaled"}
 
 
 def stops_mm(setup):
@@ -133,7 +133,7 @@ def test_a_run_along_other_stops_proves_nothing():
 
 
 @settings(max_examples=25, deadline=None)
-@given(seed=st.integers(100, 10_000), name=st.sampled_from(NAMES), factor=st.sampled_from([-1.0, 0.0, 0.5, 2.0]))
+@given(seed=st.integers(100, 10_000), name=st.sampled_from(NAMES), factor=st.sampled_from([-1.0, 0.0, 0.5, 1.5, 2.0]))
 def test_no_wrong_table_is_called_right(seed, name, factor):
     """Whatever the machine: a table with a fault is named or open, and the control is not kept."""
     rig = Rig(seed)

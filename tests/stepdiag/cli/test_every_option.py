@@ -186,13 +186,6 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--plot": ["--plot", "new.svg"], "--json": ["--json"],
         },
     ),
-    "fourdof signs": (
-        ["fourdof", "signs", "--at", "500=near.csv", "--at", "2000=far.csv", "--calibration", "head.toml", "--out", "new.toml"],
-        {
-            "--at": ["--at", "600=near.csv", "--at", "2000=far.csv"], "--calibration": ["--calibration", "none.toml"],
-            "--out": ["--out", "other.toml"], "--seconds": ["--seconds", "9"], "--json": ["--json"],
-        },
-    ),
     "fourdof stability": (
         ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
         {
@@ -271,10 +264,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/recording/test_commission_head.py": ["--calibration", "--json"],
         "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
     },
-    "proof": {
-        "system/recording/test_proof_run.py": ["--controller", "--json", "--minutes", "--out"],
-        "system/control/test_proof.py": ["--loaded", "--profile"],
-    },
+    "proof": {"system/recording/test_proof_run.py": ["--controller", "--json", "--loaded", "--minutes", "--out", "--profile"]},
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
     "service remove": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},

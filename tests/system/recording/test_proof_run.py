@@ -74,7 +74,10 @@ def proved(folder: Path, files: list[Path], name: str) -> dict:
     """Drive a proof run with files in the control; return the verdict that the command prints, after status and result hold the same."""
     active = f'[[compensation]]\ncontrol = "siemens"\nfiles = {json.dumps([str(path) for path in files])}\n'
     with hall(folder, setups=("ppp", "linear-x"), n=6, back=True, size=SIZE, bench=MACHINE + active, exports=EXPORT) as place:
-        planned = stepdiag("proof", place.survey, "--controller", "siemens", "--minutes", "0.01", "--out", folder / "programs", "--json")
+        export = folder / "hall" / "0001" / "exports" / "siemens"
+        named = ("--loaded", export, "--profile", folder / "siemens.toml") if name == "0002" else ()  # else as the survey file has them
+        options = ("--controller", "siemens", *named, "--minutes", "0.01", "--out", folder / "programs", "--json")
+        planned = stepdiag("proof", place.survey, *options)
         assert planned.code == 0, planned.refusal
         plan = json.loads(planned.out)
         assert [Path(program).exists() for program in plan["programs"]] == [True, True]
