@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import shown
 
 
 def register(app: typer.Typer) -> None:
@@ -26,12 +28,11 @@ def next_setup(
         lower_priority()
     import json
 
-    from stepdiag.base.messages import kept, message
+    from stepdiag.base.messages import kept
     from stepdiag.completion.ahead import in_words, look_ahead
     from stepdiag.completion.ahead import take as put
     from stepdiag.daq.service.ahead import write_ahead
     from stepdiag.terminal.exits import refusals_shown
-    from stepdiag.terminal.viewer import shown
 
     with refusals_shown(kept if note else shown):
         survey, folder, ahead = look_ahead(file)

@@ -11,7 +11,7 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
@@ -86,10 +86,10 @@ def check(store: str) -> None:
     place = Store(store)
     broken = list(custody.check(place))
     for name, why in broken:
-        print_words(message("named-why", name=name, why=why), err=True)
+        typer.echo(f"{name}: {shown(why)}", err=True)
     if broken:
         raise DataError(
-            store, expected=message("files-as-written"), found=message("number-wrong", count=len(broken)), remedy=message("lines-above")
+            store, expected=message("files-unchanged"), found=message("number-damaged", count=len(broken)), remedy=message("lines-above")
         )
     print_words(message("store-holds", store=store, count=len(place.tables())))
 
@@ -213,11 +213,11 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):
-        raise UsageError("--scheduler", expected="tls://HOST:PORT: Dask runs whatever code a client sends", found=address or "none")
+        raise UsageError("--scheduler", expected=message("tls-scheduler"), found=address or message("none"))
     given = {option: file for option, file in files.items() if file is not None and file.is_file()}
     for option, file in files.items():
         if option not in given:
-            raise UsageError(option, expected="a file (PEM) beside --scheduler", found="none" if file is None else f"no file {file}")
+            raise UsageError(option, expected=message("pem-beside-scheduler"), found=str(file) if file else message("none"))
     return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
 
 

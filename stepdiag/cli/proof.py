@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.completion import TABLES, AsJson, tables
-from stepdiag.terminal.viewer import shown
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from datetime import date
@@ -44,13 +45,17 @@ def proof(
     options = {"--controller": controller, "--loaded": loaded, "--profile": profile, "--minutes": minutes != MINUTES, "--out": out}
     if survey.proof is not None:
         if given := [name for name, value in options.items() if value]:
-            raise UsageError(", ".join(given), expected="the survey file of the machine beside it", found=f"a proof run ({file.name})")
+            raise UsageError(
+                ", ".join(given),
+                expected=message("with-option", option=message("survey-file-of-machine")),
+                found=message("a-proof-run", name=file.name),
+            )
         _judge(file, survey, as_json=as_json)
         return
     if not controller:
-        raise UsageError("--controller", expected=", ".join(TABLES), found="none")
+        raise UsageError("--controller", expected=message("one-of", names=TABLES), found=message("none"))
     if not 0 < minutes < float("inf"):
-        raise UsageError("--minutes", expected="a number above 0", found=f"{minutes:g}")
+        raise UsageError("--minutes", expected=message("number-above-0"), found=f"{minutes:g}")
     _plan(file, survey, controller, loaded, profile, minutes, out, as_json=as_json)
 
 
@@ -73,7 +78,7 @@ def _plan(
 
     found = standing_of(file).result
     if found is None:
-        raise UsageError(file.name, expected="a survey with a result", found="none yet", remedy="complete the survey first")
+        raise UsageError(file.name, expected=message("expects-result"), found=message("none-yet"), remedy=message("complete-first"))
     folder = loaded or found.parent / EXPORTS / controller
     known = profile or next((file.parent / each.profile for each in survey.exports if each.controller == controller), None)
     given = ProofFiles(survey=file, round=found.parent, loaded=folder, profile=known, controller=controller)
@@ -88,7 +93,7 @@ def _plan(
         return
     _print_plan(plan)
     typer.echo("\n".join([f"survey file of the proof run: {target}", *(f"program: {name}" for name in programs)]))
-    typer.echo(f"then `stepdiag run {target}`, drive, and `stepdiag proof {target}`")
+    print_words(message("run-then-proof", path=str(target)))
 
 
 def _acting(folder: Path) -> list[Path]:
@@ -135,7 +140,12 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
 
     found = standing_of(file).result
     if found is None:
-        raise UsageError(file.name, expected="a proof run that is complete", found="one that is open", remedy=f"stepdiag status {file}")
+        raise UsageError(
+            file.name,
+            expected=message("complete-survey"),
+            found=message("state-to-do"),
+            remedy=message("command-says", command=f"stepdiag status {file}"),
+        )
     runs, files = read_bytes(found.parent / READINGS), read_bundle(file, survey)
     held, verdict = loaded_in(survey, files), proof_of(survey, files, parse_readings(runs.decode("utf-8")))
     if held is None or verdict is None:

@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
+
 LARGEST_SERIES_BYTES = 400_000_000
 """Fifty million positions: a quarter of an hour at 50 kHz."""
 
@@ -46,4 +49,4 @@ def stream(
         stops = record_series(known, text, begun, setup, whole.at_rate(rate_hz), at_s=at_s)
     finally:
         lock.release()
-    typer.echo(f"{setup}: {len(stops)} stops from {seconds:.0f} s at {whole.rate_hz:g} Hz; `stepdiag status {survey}` names what is left")
+    print_words(message("stream-taken", setup=setup, stops=len(stops), seconds=seconds, rate_hz=whole.rate_hz, path=str(survey)))

@@ -93,7 +93,7 @@ class Scheduler:
             return Client(self.address, timeout=PATIENCE_S, security=security)
         except (OSError, ValueError) as error:
             found = str(error) or type(error).__name__
-            raise DeviceError(self.address, expected="a Dask scheduler with a certificate of this CA", found=found) from error
+            raise DeviceError(self.address, expected=message("dask-scheduler"), found=found) from error
 
 
 def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:

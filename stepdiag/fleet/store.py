@@ -41,7 +41,7 @@ LARGEST_JSON_BYTES = 4_000_000
 LARGEST_FILE_BYTES = 4_000_000_000
 """Of a survey's file: it is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
-INDEX_REMEDY = "remove it: the next `archive add` makes it again"
+INDEX_REMEDY = message("remove-table")
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 

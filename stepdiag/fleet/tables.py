@@ -147,7 +147,9 @@ def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
     if not stated:
         result = store.read(f"{place.folder}/{RESULT}")
         if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (sha256(result), ""):
-            raise DataError(place.table, expected=f"the numbers of {place.folder}/{RESULT}", found="others", remedy=_REMEDY)
+            raise DataError(
+                place.table, expected=message("numbers-of", name=f"{place.folder}/{RESULT}"), found=message("another-one"), remedy=_REMEDY
+            )
     return rows
 
 
