@@ -73,7 +73,7 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     if not logs:
         named = ", ".join(str(path) for path in paths)
         remedy = message("one-survey")
-        raise DataError(named, expected=message("one-log"), found="none", remedy=remedy)
+        raise DataError(named, expected=message("one-log"), found=message("none"), remedy=remedy)
     return logs
 
 

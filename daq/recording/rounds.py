@@ -29,7 +29,7 @@ from stepdiag.base.setups import DRIVEN_SETUPS
 from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
-from stepdiag.daq.log.reader import DAMAGE, RecordReader
+from stepdiag.daq.log.reader import DAMAGE, RecordReader, damage_of, impossible
 from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
 from stepdiag.daq.recording.corrections import Correction, compared, must_reread, note_correction, reread, text_of
@@ -254,7 +254,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
         found = msgspec.json.decode(note, type=_FindingNote)
         arguments = msgspec.json.decode(found.arguments or "null")  # a log of before has the text alone
     except DAMAGE as error:
-        raise DataError(str(log), expected=message("findings-noted"), found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("findings-noted"), found=damage_of(error)) from error
     return Finding(
         code=found.code,
         severity=found.severity_text,
@@ -282,15 +282,15 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
         _require_possible(stop)
         return stop
     except (*DAMAGE, KeyError) as error:
-        raise DataError(str(log), expected=message("stops-noted"), found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("stops-noted"), found=damage_of(error)) from error
 
 
 def _require_possible(stop: CapturedStop) -> None:
-    """Raise ValueError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
+    """Raise BrokenRecordError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
     if not _SETUP.fullmatch(stop.setup):
-        raise ValueError(f"a stop of the setup {stop.setup[:40]!r}")
+        raise impossible("setup", stop.setup[:40])
     if stop.stop < 0 or not 0.0 <= stop.time_s < LATEST_S:
-        raise ValueError(f"stop {stop.stop} at {stop.time_s:g} s")
+        raise impossible("stop", f"{stop.stop}, {stop.time_s:g} s")
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:

@@ -87,7 +87,9 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
         raise DataError(source, expected=message("survey-s-files-base64"), found=str(error)) from error
     large = [name for name, data in found.items() if len(data) > LARGEST_TABLE_BYTES]
     if large:
-        raise DataError(f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found="more")
+        raise DataError(
+            f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found=message("found-more")
+        )
     return found
 
 

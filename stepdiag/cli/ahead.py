@@ -5,6 +5,10 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import shown
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -12,27 +16,23 @@ def register(app: typer.Typer) -> None:
 
 
 def next_setup(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    take: Annotated[bool, typer.Option("--take", help="Put the next setup into the survey file and write its NC program.")] = False,
-    note: Annotated[bool, typer.Option("--note", hidden=True, help="Leave it beside the logs, for the daemon.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    take: Annotated[bool, typer.Option("--take")] = False,
+    note: Annotated[bool, typer.Option("--note", hidden=True)] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Say which setup to drive next, what it brings in what time, and when to stop.
-
-    By the setups that are recorded, and by the last survey of this machine.
-    """
+    """Say which setup to drive next, what it brings in what time, and when to stop."""
     from stepdiag.daq.service.priority import lower_priority
 
     if note:
         lower_priority()
     import json
 
-    from stepdiag.base.messages import kept, message
+    from stepdiag.base.messages import kept
     from stepdiag.completion.ahead import in_words, look_ahead
     from stepdiag.completion.ahead import take as put
     from stepdiag.daq.service.ahead import write_ahead
     from stepdiag.terminal.exits import refusals_shown
-    from stepdiag.terminal.viewer import shown
 
     with refusals_shown(kept if note else shown):
         survey, folder, ahead = look_ahead(file)

@@ -2,24 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.readings import Readings
     from stepdiag.base.result.result import Result
-
-Runs = Annotated[
-    list[str] | None,
-    typer.Option("--run", help="A linear run of a Renishaw file: [linear-x=]FILE.rtl[@X,Y,Z] (where its line lies); may be given again."),
-]
-Diagonals = Annotated[
-    list[str] | None,
-    typer.Option("--diagonal", help="A straight body diagonal measured by itself, DIAGONAL=FILE.rtl: predicted against measured."),
-]
 
 
 class Compared(NamedTuple):
@@ -42,14 +35,11 @@ def register(app: typer.Typer) -> None:
 
 
 def rtl(
-    readings: Annotated[Path, typer.Argument(help="A readings CSV with linear runs.")],
-    out: Annotated[Path, typer.Option(help="The folder for the files.")] = Path(),
-    machine: Annotated[str, typer.Option(help="The machine as it is to stand in the files.")] = "",
+    readings: Path,
+    out: Path = Path(),
+    machine: str = "",
 ) -> None:
-    """Write linear runs as Renishaw .rtl files.
-
-    One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
-    """
+    """Write linear runs as Renishaw .rtl files."""
     from stepdiag.base.files import read_text, refuse_file_name, write_together
     from stepdiag.base.names import LINEAR_RUNS
     from stepdiag.base.readings.readings import parse_readings
@@ -58,7 +48,7 @@ def rtl(
     taken = parse_readings(read_text(readings), readings.name)
     setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
     if not setups:
-        raise DataError(str(readings), expected="linear runs", found=", ".join(sorted(set(taken.setup))))
+        raise DataError(str(readings), expected=message("linear-runs"), found=", ".join(sorted(set(taken.setup))))
     texts = {"Machine": machine} if machine else {}
     refuse_file_name(out)
     rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups}
@@ -97,7 +87,9 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     for option in diagonals:
         diagonal, separator, name = option.partition("=")
         if not separator:
-            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(option))
+            raise UsageError(
+                "--diagonal", expected=message("such-as", what=message("diagonal-file"), example="ppp=d1.rtl"), found=repr(option)
+            )
         file = parse_rtl(read_text(Path(name)), name)
         order = np.argsort(file.targets_mm)
         target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
@@ -108,7 +100,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
-    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} µm")
+    print_words(message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um))
     typer.echo("  target_mm  predicted_um  measured_um")
     for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
@@ -125,13 +117,14 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
     if not separator:
         setup, name = "", rest
     if (setup or where != "--run") and setup not in LINEAR_RUNS:
-        raise UsageError(where, expected=f"{', '.join(LINEAR_RUNS)} before the =", found=repr(setup))
+        raise UsageError(where, expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup))
     try:
         at_mm = [float(part or "nan") for part in place.split(",")] if place else []
     except ValueError:
         at_mm = [0.0]
     if len(at_mm) not in (0, 3):
-        raise UsageError(where, expected="three coordinates after the @, such as @0,200,150", found=repr(place))
+        expected = message("such-as", what=message("coordinates-after-at"), example="@0,200,150")
+        raise UsageError(where, expected=expected, found=repr(place))
     return setup, Path(name), [0.0 if each != each else each for each in at_mm]  # noqa: PLR0124 - the one along the axis may be left out
 
 

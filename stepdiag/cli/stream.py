@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
+
 LARGEST_SERIES_BYTES = 400_000_000
 """Fifty million positions: a quarter of an hour at 50 kHz."""
 
@@ -16,19 +19,13 @@ def register(app: typer.Typer) -> None:
 
 
 def stream(
-    survey: Annotated[Path, typer.Argument(help='The survey file (TOML), with plc.transport = "none" and a laser of lines.')],
-    setup: Annotated[str, typer.Argument(help="The setup that the series is of: ppp, npp, linear-x ...")],
-    series: Annotated[Path, typer.Argument(help="FILE.rtx of CARTO Dynamic, or a CSV table with the columns time_s and position.")],
-    unit: Annotated[Literal["m", "mm", "um", "nm"], typer.Option(help="The unit of the positions: no file states it.")],
-    began: Annotated[
-        datetime | None, typer.Option(help="When the series began; without it the file's date less the length of the series.")
-    ] = None,
+    survey: Path,
+    setup: str,
+    series: Path,
+    unit: Annotated[Literal["m", "mm", "um", "nm"], typer.Option()],
+    began: datetime | None = None,
 ) -> None:
-    """Take over a recorded time series as the log of one setup.
-
-    The plan places the plateaus. All passes of the setup stand in one series. The log is replayed, doubted and solved as one of a laser
-    that was recorded here.
-    """
+    """Take over a recorded time series as the log of one setup."""
     from stepdiag.base.files import as_text, read_bytes, read_text
     from stepdiag.daq.recording.rounds import FolderLock, latest_round
     from stepdiag.daq.recording.series import parse_csv_series, parse_rtx
@@ -52,4 +49,4 @@ def stream(
         stops = record_series(known, text, begun, setup, whole.at_rate(rate_hz), at_s=at_s)
     finally:
         lock.release()
-    typer.echo(f"{setup}: {len(stops)} stops from {seconds:.0f} s at {whole.rate_hz:g} Hz; `stepdiag status {survey}` names what is left")
+    print_words(message("stream-taken", setup=setup, stops=len(stops), seconds=seconds, rate_hz=whole.rate_hz, path=str(survey)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -33,7 +33,7 @@ class LogStanding:
 
     name: str
     stops: int
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,8 +83,8 @@ def standing_of(path: Path) -> Standing:
     rounds = round_folders(path)
     last = rounds[-1] if rounds else path
     if not logs_in(last):
-        remedy = "name a survey file, or the folder that `stepdiag run` made for it"
-        raise UsageError(str(path), expected="a folder with logs (*.mcap)", found="none", remedy=remedy)
+        remedy = message("name-survey")
+        raise UsageError(str(path), expected=message("folder-with", what=message("logs-mcap")), found=message("none"), remedy=remedy)
     return _standing(path if rounds else path.parent, last, None, "")
 
 
@@ -97,7 +97,9 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
     if known is None:
         raise DataError(
-            str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
+            str(last),
+            expected=message("one-readable-log"),
+            found=joined([message("labelled", name=log.name, what=log.trouble) for log in logs]),
         )
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()
@@ -131,20 +133,20 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
     """Return the survey file of the first readable log, the logs that can be read in order, and how each log stands."""
     text, readable, logs = "", list[Path](), list[LogStanding]()
-    for path in counted(paths, "reading the logs", len(paths)):
+    for path in counted(paths, message("reading-logs"), len(paths)):
         try:
             own = open_log(path).header.survey_text
             if text and not extends(text, own) and drives_otherwise(text, own):
                 raise DataError(
-                    str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here"
+                    str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
             found = noted_in(path)
         except DataError as error:
-            trouble = f"{error.found}: {error.remedy}" if error.remedy else str(error.found)
+            trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
         text = own if not text or extends(own, text) else text
         readable.append(path)
-        cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
+        cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
     return text, readable, logs

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_hashed
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import parse_result
 from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
@@ -40,11 +41,13 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
     """Return every folder at or below the given ones that holds a result beside its logs. Raises UsageError where there is none."""
     for folder in folders:
         if not folder.is_dir():
-            raise UsageError(str(folder), expected="a folder with finished surveys", found="no folder")
+            raise UsageError(
+                str(folder), expected=message("folder-with", what=message("finished-surveys")), found=message("no-such-folder")
+            )
     candidates = {path.parent for folder in folders for path in (folder / RESULT, *folder.rglob(RESULT)) if path.is_file()}
     found = sorted(each for each in candidates if any(log.suffix == ".mcap" for log in logs_in(each)))
     if not found:
-        raise UsageError(", ".join(map(str, folders)), expected="finished surveys: result.json beside the logs", found="none")
+        raise UsageError(", ".join(map(str, folders)), expected=message("finished-surveys"), found=message("none"))
     return found
 
 
@@ -131,7 +134,12 @@ def _name_of(logs: Sequence[Path]) -> str:
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
         if not each:
-            raise DataError(str(log), expected="a whole log", found="a damaged one", remedy=f"mend it: `stepdiag recover {log}`")
+            raise DataError(
+                str(log),
+                expected=message("a-whole-log"),
+                found=message("damaged-one"),
+                remedy=message("command-mends", command=f"stepdiag recover {log}"),
+            )
     return name_of_logs(sums)
 
 
@@ -175,6 +183,6 @@ def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
     """Raise DataError where the survey is there with another result; logs are the same by its name."""
     if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
-            f"{store.address}: {place.folder}/{RESULT}", expected="the result that was archived with these logs", found="another one",
-            remedy="an archived result stays; `stepdiag resolve` solves anew, beside it",
+            f"{store.address}: {place.folder}/{RESULT}", expected=message("archived-result"), found=message("another-one"),
+            remedy=message("archived-stays"),
         )  # fmt: skip

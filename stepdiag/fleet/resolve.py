@@ -26,6 +26,7 @@ from distributed import Client, KilledWorker, as_completed
 from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
@@ -92,7 +93,7 @@ class Scheduler:
             return Client(self.address, timeout=PATIENCE_S, security=security)
         except (OSError, ValueError) as error:
             found = str(error) or type(error).__name__
-            raise DeviceError(self.address, expected="a Dask scheduler with a certificate of this CA", found=found) from error
+            raise DeviceError(self.address, expected=message("dask-scheduler"), found=found) from error
 
 
 def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
@@ -221,7 +222,7 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
     except UsageError:
         named = parse_survey(survey, "--survey").identity.machine
         if named != machine:
-            raise DataError("--survey", expected=f"a survey file of {machine}", found=named) from None
+            raise DataError("--survey", expected=message("survey-file-of", machine=machine), found=named) from None
         file = scratch / "survey.toml"
         file.write_text(survey, encoding="utf-8")
         return file
@@ -250,7 +251,7 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
     for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in (RESULT, *WORDS))):
         found = store.copied(f"{place.folder}/{name}", folder / name)
         if found != archived[name]:
-            remedy = "archive the survey again from its own folder"
+            remedy = message("archive-again")
             raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=found, remedy=remedy)
     return folder
 

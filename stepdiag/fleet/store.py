@@ -29,7 +29,7 @@ from stepdiag.base.disk.part import part_of, write_through
 from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_BYTES
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 from stepdiag.daq.records.survey_folder import RESULT
 
 FORMAT, VERSION = "stepdiag-store", 1
@@ -41,7 +41,7 @@ LARGEST_JSON_BYTES = 4_000_000
 LARGEST_FILE_BYTES = 4_000_000_000
 """Of a survey's file: it is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
-INDEX_REMEDY = "remove it: the next `archive add` makes it again"
+INDEX_REMEDY = message("remove-table")
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 
@@ -130,7 +130,12 @@ class Store:
         with refusing(name):
             size = self._files.size(self.path(name))
             if size is not None and size > largest:
-                raise DataError(f"{self.address}: {name}", expected=f"at most {largest} bytes", found=str(size), remedy="see who wrote it")
+                raise DataError(
+                    f"{self.address}: {name}",
+                    expected=message("file-of-at-most", name=name, most=largest),
+                    found=str(size),
+                    remedy=message("never-overwritten"),
+                )
             return bytes(self._files.cat_file(self.path(name)))
 
     def copied(self, name: str, target: Path | None = None) -> str:
@@ -141,7 +146,11 @@ class Store:
                 found.update(piece)
                 size += copy.write(piece)
                 if size > LARGEST_FILE_BYTES:
-                    raise DataError(f"{self.address}: {name}", expected=f"at most {LARGEST_FILE_BYTES} bytes", found="more")
+                    raise DataError(
+                        f"{self.address}: {name}",
+                        expected=message("file-of-at-most", name=name, most=LARGEST_FILE_BYTES),
+                        found=message("found-more"),
+                    )
         return found.hexdigest()
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
@@ -168,8 +177,8 @@ class Store:
         there = self.read(name, largest=max(LARGEST_BYTES, 2 * len(data)))
         found = meaning(there)
         if found != wanted:
-            remedy = "nothing in a store is ever overwritten; see who wrote it"
-            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or "a damaged file", remedy=remedy)
+            remedy = message("never-overwritten")
+            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or message("damaged-file"), remedy=remedy)
         return there
 
     def state(self) -> tuple[object, ...]:
@@ -209,8 +218,8 @@ class Store:
             if self.read(place.listed, largest=LARGEST_JSON_BYTES) == manifest_of(place, *known):
                 return known
         raise DataError(
-            f"{self.address}: {place.listed}", expected="the list of a survey's files, its result among them, as it was written",
-            found=excerpt(json.dumps(listed)), remedy="restore it from a copy of the store: `stepdiag archive add` wrote it once",
+            f"{self.address}: {place.listed}", expected=message("list-of-survey"),
+            found=excerpt(json.dumps(listed)), remedy=message("restore-from-copy"),
         )  # fmt: skip
 
     @property
@@ -221,12 +230,15 @@ class Store:
     def _require_known(self) -> None:
         if not self.exists(MARK):
             raise UsageError(
-                self.address, expected=f"a store ({MARK})", found="none", remedy="`stepdiag archive add DIR --to STORE` makes one"
+                self.address,
+                expected=message("a-store", name=MARK),
+                found=message("none"),
+                remedy=message("command-writes", command="stepdiag archive add DIR --to STORE"),
             )
         mark = self.json(MARK)
         version = mark.get("version") if isinstance(mark, dict) else None
         if not isinstance(mark, dict) or mark.get("format") != FORMAT or version != VERSION:
-            remedy = "a newer stepdiag reads it" if isinstance(version, int) and version > VERSION else ""
+            remedy = message("newer-reads") if isinstance(version, int) and version > VERSION else ""
             raise UsageError(f"{self.address}: {MARK}", expected=f"{FORMAT}, version {VERSION}", found=str(mark), remedy=remedy)
 
 
@@ -239,7 +251,7 @@ def refusing(name: str) -> Iterator[None]:
         raise
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-        raise UsageError(name, expected="a store that can be read and written", found=why) from error
+        raise UsageError(name, expected=message("readable-and-writable"), found=why) from error
 
 
 def _is_hash(text: object) -> bool:

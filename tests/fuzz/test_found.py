@@ -348,7 +348,7 @@ BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "d
 )
 def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_damage(topic, fields, change):
     assert decode(topic, json.dumps(fields).encode())
-    with pytest.raises(ValueError, match=r"no clock shows|answers to"):
+    with pytest.raises(ValueError, match=r"t_mono_ns cannot be|answers cannot be"):
         decode(topic, json.dumps({**fields, **change}).encode())
 
 

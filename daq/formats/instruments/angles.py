@@ -53,7 +53,7 @@ class AnglesSettings:
         require("first" in groups, "head.angles.pattern", message("named-group", group="(?P<first>...)"), self.pattern)
         require(set(groups) <= set(GROUPS), "head.angles.pattern", message("no-other-groups", names=GROUPS), sorted(groups))
         require(0 < self.poll_hz <= 100, "head.angles.poll_hz", message("number-up-to", most=100), self.poll_hz)
-        require((self.request + self.greeting).isascii(), "head.angles.request", "plain ASCII", self.request)
+        require((self.request + self.greeting).isascii(), "head.angles.request", message("plain-ascii"), self.request)
 
 
 class AnglesDecoder:

@@ -104,4 +104,4 @@ def test_a_fleet_of_a_version_that_solved_nothing_is_refused(tmp_path):
     write_history(store, "Lathe", [5.0, 5.1])
     refused = stepdiag("fleet", store.address, "--software", "9")
     assert refused.code == 3
-    assert "solved anew by 9" in refused.refusal
+    assert "solved by 9" in refused.refusal

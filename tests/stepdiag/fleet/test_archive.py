@@ -217,7 +217,7 @@ def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(store: Store, mo
         with monkeypatch.context() as newer:
             newer.setattr("stepdiag.fleet.archive.to_parquet", lambda table: to_parquet(table).replace(b"stepdiag-rows", b"stepdiag-ROWS"))
             refresh_index(store, most_loose=0)
-    with pytest.raises(DataError, match="a newer stepdiag reads it" if name == "table" else "version none"):
+    with pytest.raises(DataError, match="a newer stepdiag reads it" if name == "table" else "found none"):
         series_of(store)
 
 
