@@ -133,7 +133,7 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
     recorded = text_of(last, logs)
-    changed = compared(recorded, survey_text) if recorded else []
+    changed = [] if not recorded or extends(survey_text, recorded) else compared(recorded, survey_text)
     if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     if changed:
