@@ -5,10 +5,13 @@ import re
 from collections.abc import Mapping, Sequence
 from datetime import date
 
-from stepdiag.base.errors import UsageError
+import msgspec
+
+from stepdiag.base.errors import StepdiagError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.setups import setup_code
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.models import Plan, Proof
+from stepdiag.daq.survey.models import Plan, Proof, Survey
 
 HEADER = re.compile(r"\s*\[")
 OFFSETS = "[[plan.beam_offset]]"
@@ -44,6 +47,27 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
         raise UsageError(f"{source}: plan", expected=message("section-plan-with-one"), found=message("another-form"),
                          remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
     return amended
+
+
+def extends(text: str, recorded: str) -> bool:
+    """Tell whether a survey file is that of a log, perhaps with further setups: those of the log are driven and coded as before."""
+    if text == recorded:
+        return True
+    try:
+        old = parse_survey(recorded, "log")
+        return without_further(parse_survey(text, "survey"), old) == old
+    except StepdiagError:
+        return False
+
+
+def without_further(new: Survey, old: Survey) -> Survey:
+    """Return a survey without its further setups, where it drives and codes those of an old one as before; else as it is."""
+    names, before = new.plan.all_setups, old.plan.all_setups
+    plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
+    further = len(names) > len(before) and all(
+        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs
+    )
+    return msgspec.structs.replace(new, plan=plan) if further else new
 
 
 def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof) -> str:

@@ -8,7 +8,9 @@ MODULES = (
     "run",
     "status",
     "accept",
+    "correct",
     "begin",
+    "stream",
     "solve",
     "runs",
     "logs",
@@ -19,6 +21,7 @@ MODULES = (
     "proof",
     "program",
     "plan",
+    "ahead",
     "fourdof",
     "fleet",
     "publish",
@@ -39,6 +42,7 @@ LINUX_ONLY = frozenset(
         "service remove",
         "setup",
         "status",
+        "stream",
     }
 )
 """Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""

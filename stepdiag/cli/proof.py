@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import TABLES, tables
-from stepdiag.terminal.viewer import shown
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import TABLES, AsJson, tables
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from datetime import date
@@ -29,34 +30,32 @@ def register(app: typer.Typer) -> None:
 
 
 def proof(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML); or that of the proof run, for its verdict.")],
-    controller: Annotated[
-        str, typer.Option(help=f"The control that the files were loaded into: {', '.join(TABLES)}.", autocompletion=tables)
-    ] = "",
-    loaded: Annotated[Path | None, typer.Option(help="The folder of the export; without it that of the survey.")] = None,
-    profile: Annotated[Path | None, typer.Option(help="The profile of that export; without it that of the survey file.")] = None,
-    minutes: Annotated[float, typer.Option(help="Minutes of driving: diagonal and line are repeated as they allow.")] = MINUTES,
-    out: Annotated[Path | None, typer.Option(help="The folder for the NC programs.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    controller: Annotated[str, typer.Option(autocompletion=tables)] = "",
+    loaded: Path | None = None,
+    profile: Path | None = None,
+    minutes: float = MINUTES,
+    out: Path | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Prove that loaded tables act as exported.
-
-    Writes the survey file of the proof run and its NC programs, and prints what the run will see of each table. `stepdiag run` records
-    it; `stepdiag proof` on its file prints the verdict: keep the tables, restore the control (exit code 5), or not decided (3).
-    """
+    """Prove that loaded tables act as exported."""
     from stepdiag.daq.survey.file import load_survey
 
     survey = load_survey(file)
     options = {"--controller": controller, "--loaded": loaded, "--profile": profile, "--minutes": minutes != MINUTES, "--out": out}
     if survey.proof is not None:
         if given := [name for name, value in options.items() if value]:
-            raise UsageError(", ".join(given), expected="the survey file of the machine beside it", found=f"a proof run ({file.name})")
+            raise UsageError(
+                ", ".join(given),
+                expected=message("with-option", option=message("survey-file-of-machine")),
+                found=message("a-proof-run", name=file.name),
+            )
         _judge(file, survey, as_json=as_json)
         return
     if not controller:
-        raise UsageError("--controller", expected=", ".join(TABLES), found="none")
+        raise UsageError("--controller", expected=message("one-of", names=TABLES), found=message("none"))
     if not 0 < minutes < float("inf"):
-        raise UsageError("--minutes", expected="a number above 0", found=f"{minutes:g}")
+        raise UsageError("--minutes", expected=message("number-above-0"), found=f"{minutes:g}")
     _plan(file, survey, controller, loaded, profile, minutes, out, as_json=as_json)
 
 
@@ -79,7 +78,7 @@ def _plan(
 
     found = standing_of(file).result
     if found is None:
-        raise UsageError(file.name, expected="a survey with a result", found="none yet", remedy="complete the survey first")
+        raise UsageError(file.name, expected=message("expects-result"), found=message("none-yet"), remedy=message("complete-first"))
     folder = loaded or found.parent / EXPORTS / controller
     known = profile or next((file.parent / each.profile for each in survey.exports if each.controller == controller), None)
     given = ProofFiles(survey=file, round=found.parent, loaded=folder, profile=known, controller=controller)
@@ -94,7 +93,7 @@ def _plan(
         return
     _print_plan(plan)
     typer.echo("\n".join([f"survey file of the proof run: {target}", *(f"program: {name}" for name in programs)]))
-    typer.echo(f"then `stepdiag run {target}`, drive, and `stepdiag proof {target}`")
+    print_words(message("run-then-proof", path=str(target)))
 
 
 def _acting(folder: Path) -> list[Path]:
@@ -141,7 +140,12 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
 
     found = standing_of(file).result
     if found is None:
-        raise UsageError(file.name, expected="a proof run that is complete", found="one that is open", remedy=f"stepdiag status {file}")
+        raise UsageError(
+            file.name,
+            expected=message("complete-survey"),
+            found=message("state-to-do"),
+            remedy=message("command-says", command=f"stepdiag status {file}"),
+        )
     runs, files = read_bytes(found.parent / READINGS), read_bundle(file, survey)
     held, verdict = loaded_in(survey, files), proof_of(survey, files, parse_readings(runs.decode("utf-8")))
     if held is None or verdict is None:
