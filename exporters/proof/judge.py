@@ -153,7 +153,10 @@ def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Ta
     case = _Case(before, after, acting, replaced)
     best = case.right()
     for _ in range(len(case.seen)):
-        found = min([*case.others(best), *case.sized(best)], key=case.misfit, default=best)
+        found = min(case.others(best), key=case.misfit, default=best)
+        sized = min(case.sized(best), key=case.misfit, default=found)
+        if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(SURE):  # a factor of its own explains more than a state does anyway
+            found = sized
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
