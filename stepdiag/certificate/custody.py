@@ -19,7 +19,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.base.files import as_text, read_bytes, read_text
+from stepdiag.base.files import as_text, read_bytes, read_hashed, read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Source
 from stepdiag.base.result.result import Result, parse_result, same_result
@@ -113,7 +113,7 @@ def _sources(result: Result) -> list[Link]:
 
 
 def _read(path: Path) -> Result:
-    return parse_result(read_text(path), path.name)
+    return parse_result(read_hashed(path), path.name)
 
 
 def accepted_in(folder: Path) -> list[str]:
@@ -269,7 +269,8 @@ def _canonical(data: bytes) -> str:
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
     """Return the result as it is solved again from its sources. Raises BrokenLinkError where they are others, or say something else."""
-    result, data = _read(path), read_bytes(path)
+    data = read_bytes(path)
+    result = parse_result(as_text(data, path.name), path.name)  # its hash is compared with the certificate's
     sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]
     if tuple(sources) != (result.sources or ()) or not sources:
         raise BrokenLinkError(message("custody-sources", name=path.name))
@@ -281,7 +282,7 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
     text = replace(solved, software=result.software).to_json()
     if not same_result(data, text.encode()):
         raise BrokenLinkError(message("custody-result", name=path.name))
-    return parse_result(as_text(data, path.name), path.name)
+    return result
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:

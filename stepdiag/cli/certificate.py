@@ -7,7 +7,9 @@ from typing import Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.fleet import extra_needed
+from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
@@ -19,39 +21,32 @@ def register(app: typer.Typer) -> None:
 
 
 def certificate(
-    result: Annotated[Path, typer.Argument(help="result.json, as `solve`, `replay` or `run` wrote it.")],
-    files: Annotated[list[Path] | None, typer.Argument(help="Compensation files, or the folder of an export.")] = None,
-    out: Annotated[Path, typer.Option(help="The certificate, FILE.xml.")] = Path("certificate.xml"),
-    laboratory: Annotated[
-        Path | None, typer.Option(help="Settings (TOML): laboratory, customer, item, persons and equipment (docs/laboratory.md).")
-    ] = None,
-    after: Annotated[Path | None, typer.Option("--as-left", help="The result of the survey after loading.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="The report that is handed over with it: named by its SHA-256.")] = None,
-    letterhead: Annotated[Path | None, typer.Option(help="The letterhead that the report was written with.")] = None,
-    profile: Annotated[Path | None, typer.Option(help="The profile that the report was written with.")] = None,
-    pdf: Annotated[
-        Path | None,
-        typer.Option(help="FILE.pdf: the report's print as PDF/A-3 with the certificate attached; needs --report FILE.html, chromium."),
-    ] = None,
-    key: Annotated[Path | None, typer.Option(help="A private key (PEM): signs the certificate; needs stepdiag[certificate].")] = None,
-    key_certificate: Annotated[Path | None, typer.Option(help="The key's X.509 certificate (PEM).")] = None,
+    result: Path,
+    files: Annotated[list[Path] | None, typer.Argument()] = None,
+    out: Path = Path("certificate.xml"),
+    laboratory: Path | None = None,
+    after: Annotated[Path | None, typer.Option("--as-left")] = None,
+    report: Annotated[Path | None, typer.Option("--report")] = None,
+    letterhead: Path | None = None,
+    profile: Path | None = None,
+    pdf: Path | None = None,
+    key: Path | None = None,
+    key_certificate: Path | None = None,
 ) -> None:
-    """Write a result as a calibration certificate.
-
-    A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
-    `stepdiag verify FILE.xml` computes it again from the logs.
-    """
+    """Write a result as a calibration certificate."""
     if out.suffix.lower() != ".xml":
-        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
+        raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
     if (key is None) != (key_certificate is None):
-        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
+        raise UsageError("--key, --key-certificate", expected=message("both"), found=message("one-of-both"))
     files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
-    if pdf is not None and (pdf.suffix.lower() != ".pdf" or report is None or report.suffix.lower() not in {".html", ".htm"}):
-        raise UsageError("--pdf", expected="a file FILE.pdf, with --report FILE.html", found=str(pdf))
+    if pdf is not None and (report is None or report.suffix.lower() not in {".html", ".htm"}):
+        raise UsageError("--pdf", expected=message("with-option", option="--report FILE.html"), found=message("none"))
+    if pdf is not None and pdf.suffix.lower() != ".pdf":
+        raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
     beside = (("report", report), ("letterhead", letterhead), ("profile", profile))
     given = [*(("file", path) for path in files), *((role, path) for role, path in beside if path is not None)]
     links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate, pdf=pdf)
-    typer.echo(f"certificate: {out}; it rests on {links} things, the first result")
+    print_words(message("certificate-rests", path=str(out), count=links))
 
 
 def certify_folder(folder: Path) -> Path:
@@ -134,11 +129,11 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
     else:
         found = (verify_archived if archived else verify_certificate)(path, Path(custody or path.parent))
     if found.broken is not None:
-        typer.echo(f"WRONG {path.name}: {found.broken}")
+        print_words(message("certificate-wrong", name=path.name, what=found.broken))
         raise typer.Exit(JUDGED_WRONG)
-    typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")
+    print_words(message("certificate-holds", name=path.name, links=found.links, figures=found.figures))
     if found.signed and key_certificate is None:
-        typer.echo("its signature is not checked: --key-certificate CERT.pem checks it")
+        print_words(message("signature-unchecked"))
 
 
 def is_store(custody: str) -> bool:

@@ -15,6 +15,7 @@ from typing import Literal
 
 from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import write_atomically
+from stepdiag.base.messages import message
 from stepdiag.daemon.program_places import at_its_places, places_of_program
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.file import load_survey
@@ -71,7 +72,7 @@ def carry_out(steps: list[Step]) -> None:
         try:
             _do(step)
         except OSError as error:
-            raise UsageError(str(step.path), expected="a place that can be written (as root)", found=system_words(error)) from error
+            raise UsageError(str(step.path), expected=message("writable-as-root"), found=system_words(error)) from error
 
 
 def drop_in(survey: Survey, folder: Path) -> str:
@@ -110,8 +111,8 @@ def name_of(survey_file: Path, root: Path) -> str:
     plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
     if survey_file.suffix != ".toml" or survey_file.absolute().parent != expected.absolute() or not plain:
         raise UsageError(
-            str(survey_file), expected=f"a survey file in {expected}, named with letters, digits, dot, dash and underscore",
-            found=f"{survey_file.name} in {survey_file.absolute().parent}", remedy="copy it there, with the files that it names",
+            str(survey_file), expected=message("survey-file-there", folder=str(expected)),
+            found=str(survey_file.absolute()), remedy=message("copy-it-there"),
         )  # fmt: skip
     return name
 
@@ -126,7 +127,7 @@ def shared(source: str, root: Path) -> str:
         if (folder / source).is_file():
             text = (folder / source).read_text(encoding="utf-8")
             return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source.endswith(".service") else text
-    raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
+    raise UsageError(source, expected=message("systemd-files"), found=message("none"), remedy=message("wheel-again"))
 
 
 def _network(survey: Survey) -> Iterator[str]:
@@ -160,7 +161,7 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
         if not file:
             continue
         if not all(letter.isalnum() or letter in "._-/" for letter in file):
-            raise UsageError(f"the file of {name}", expected="a name of letters, digits, dot, dash and underscore", found=repr(file))
+            raise UsageError(message("file-for", name=name), expected=message("name-plain"), found=repr(file))
         yield f"LoadCredential={name}:{folder / file}"
 
 

@@ -33,10 +33,11 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
     configure(verbose=verbose)
     again = (sys.executable, "-P", "-m", "stepdiag")  # not what lies in the working directory
-    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack")))
+    ahead = (*again, "next", str(survey_file), "--note")
+    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead))
 
 
-async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = ()) -> None:
+async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = (), ahead: Sequence[str] = ()) -> None:
     """Run the daemon of a survey file until it is stopped, with page and metrics in a process beside it, as that file says.
 
     Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
@@ -46,7 +47,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
     from stepdiag.daq.service.daemon import Daemon
 
     asyncio.get_running_loop().set_exception_handler(_seldom())
-    daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
+    daemon = Daemon(survey_file, completion, archiving, ahead, _programs)
     daemon.take_folder()  # who is refused for it must not be sent after another port
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
@@ -110,17 +111,15 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
         yield
 
 
-def _programs(survey_file: Path) -> dict[str, str]:
+def _programs(survey: "Survey") -> dict[str, str]:
     """Return the name of the NC program of each setup, for the first control of the survey that programs are written for."""
-    from stepdiag.daq.survey.file import load_survey
-
-    survey = load_survey(survey_file)
-    if not survey.exports:
+    named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
+    if not named:
         return {}
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.exporters.programs import CONTROLS, program_name
 
-    control = next((each.controller for each in survey.exports if each.controller in CONTROLS), "")
+    control = next((name for name in named if name in CONTROLS), "")
     if not control:
         return {}
     sequence = sequence_of(survey)

@@ -271,7 +271,7 @@ class _Visit:
             case Fault():
                 self._say_fault(request.text)
             case Ready():
-                _log.info("page-confined", open=", ".join(request.open)[:100] or "nothing")
+                _log.info("page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing")
 
     def _say_fault(self, text: str) -> None:
         """Say it in the log, but not for every request of somebody who has found a way to cause it."""

@@ -21,17 +21,16 @@ from starlette.applications import Starlette
 
 from stepdiag.daq.service.priority import lower_priority
 from stepdiag.page.app import Page, create_app
-from stepdiag.page.confine import confine, die_with_parent
 from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop, PunctualProtocol
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
 from stepdiag.page.metrics import create_metrics
 from stepdiag.page.remote import RemoteDaemon
+from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 
 THREADS = 4
 """That read files at once."""
 GRACE_S = 1
 """How long open downloads may go on once the daemon ends."""
-PROGRAM = Path(__file__).parents[1]
 
 
 class _Server(uvicorn.Server):
@@ -60,8 +59,10 @@ def main(page: str, metrics: str) -> None:
     if metrics != "-":
         servers.append((_server(create_metrics(daemon.figures)), CappedListener(int(metrics))))
     mimetypes.init()  # reads /etc
-    still_open = confine(_readable(settings))
+    lower_priority()
     with asyncio.Runner(loop_factory=PunctualLoop) as runner:
+        runner.get_loop()  # has a pair of sockets
+        still_open = confine(readable_by_program(Path(settings.folder)))
         runner.run(_serve(daemon, hears, servers, still_open))
     os._exit(0)  # nothing is left to be written, and the daemon waits
 
@@ -72,12 +73,6 @@ def _own_output() -> BinaryIO:
     os.set_blocking(asks.fileno(), False)
     os.dup2(2, 1)
     return asks
-
-
-def _readable(settings: PageSettings) -> Sequence[Path]:
-    """Return what of the disk is read: the program, its libraries, and the survey's files."""
-    libraries = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime") if place]
-    return (Path(settings.folder), PROGRAM, *libraries)
 
 
 def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Server:
@@ -106,7 +101,6 @@ async def _serve(
     current_default_thread_limiter().total_tokens = THREADS
     asyncio.get_running_loop().set_exception_handler(lambda _, context: daemon.say_fault(context.get("exception") or context["message"]))
     tasks = [asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers]
-    lower_priority()  # not before: a page that starts late is a machinist who waits
     daemon.say_ready(tuple(still_open))
     hearing = asyncio.create_task(daemon.hear(hears))
     done, _ = await asyncio.wait([hearing, *tasks], return_when=asyncio.FIRST_COMPLETED)

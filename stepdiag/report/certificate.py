@@ -10,6 +10,7 @@ from stepdiag.base.compensation import stated_in
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
+from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
@@ -46,9 +47,7 @@ def read_letterhead(path: Path) -> Letterhead:
     fields = read_toml(read_text(path), str(path))
     unknown = sorted(fields.keys() - {"company", "address", "logo"})
     if unknown or not all(isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")):
-        raise UsageError(
-            str(path), expected='texts "company", "address" and "logo"', found=", ".join(unknown) or "something else than text"
-        )
+        raise UsageError(str(path), expected=message("letterhead-texts"), found=", ".join(unknown) or message("another-one"))
     logo = fields.get("logo", "")
     return Letterhead(
         company=fields.get("company", ""),
@@ -60,10 +59,10 @@ def read_letterhead(path: Path) -> Letterhead:
 def _picture(path: Path) -> str:
     kind = PICTURES.get(path.suffix.lower())
     if kind is None:
-        raise UsageError(str(path), expected=f"a picture ({', '.join(PICTURES)})", found=path.suffix or "no ending")
+        raise UsageError(str(path), expected=message("a-picture", endings=list(PICTURES)), found=path.suffix or message("no-suffix"))
     data = read_bytes(path)
     if len(data) > LARGEST_LOGO_BYTES:
-        raise UsageError(str(path), expected=f"a logo of at most {LARGEST_LOGO_BYTES} bytes", found=f"{len(data)}")
+        raise UsageError(str(path), expected=message("file-of-at-most", name="logo", most=LARGEST_LOGO_BYTES), found=f"{len(data)}")
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -212,8 +211,8 @@ def as_left(source: str, again: Conclusion, found: Reach | None, after: Result |
     Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
     """
     if again.reach is None or found is None:
-        what = "a survey in which an axis did not travel"
-        raise UsageError("as left", expected="two surveys of the whole volume", found=what, remedy="compare the two results")
+        what = message("axis-not-travelled")
+        raise UsageError("--as-left", expected=message("whole-volume-twice"), found=what, remedy=message("compare-two"))
     rms, predicted = again.reach.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}

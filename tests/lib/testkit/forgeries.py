@@ -11,6 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, unsealed
+
 
 @contextmanager
 def flipped(path: Path, rng: np.random.Generator) -> Iterator[None]:
@@ -45,6 +47,28 @@ def edited_table(
         writer.write_table(table)
         writer.add_key_value_metadata({name: value for name, value in known.items() if name != b"ARROW:schema"})
     path.write_bytes(out.getvalue())
+
+
+def listed_anew(store: Store, place: Place) -> None:
+    """Write the hashes of a survey's files and of its table anew into their list: a forger who knows the chain."""
+    listed = Path(store.path(place.listed))
+    files = {
+        name: stated if not (listed.parent / name).exists() else _hash(listed.parent / name)
+        for name, stated in store.listed(place).files.items()
+    }
+    listed.write_bytes(manifest_of(place, files, _hash(Path(store.path(place.table)))))
+
+
+def edited_index(store: Store, column: str, edit: Callable[[list[Any]], Sequence[Any]]) -> None:
+    """Change a column of the index, and write its hash anew."""
+    path = Path(store.path(INDEX))
+    path.write_bytes(unsealed(path.read_bytes(), INDEX))
+    edited_table(path, column, edit)
+    path.write_bytes(sealed(path.read_bytes()))
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def signing_key(folder: Path) -> tuple[Path, Path]:
