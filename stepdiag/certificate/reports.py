@@ -17,8 +17,8 @@ ROLES = {"profile": "profile", "left": "result_as_left", "letterhead": "letterhe
 
 
 def is_rendered(name: str) -> bool:
-    """Return whether a report is a document that can be rendered again; a print is known by its hash alone."""
-    return Path(name).suffix.lower() in {".html", ".htm"}
+    """Return whether a report is a document that must be rendered again: any but a print, which is known by its hash alone."""
+    return Path(name).suffix.lower() != ".pdf"
 
 
 def follows(report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None) -> bool:

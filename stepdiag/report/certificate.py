@@ -125,7 +125,7 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
     now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
     then = {one.quantity: one for one in (() if conformity is None else conformity.predicted)}
     later = {one.quantity: one for one in (() if left is None else left.judged)}
-    none, waiting = shown(None), words["not_yet"] if left is None else shown(None)
+    none = shown(None)
     rows: list[tuple[str, ...]] = []
 
     def row(name: str, quantity: str, cells: tuple[str, str, str]) -> None:
@@ -136,29 +136,30 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
 
     if reach is not None:
         figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
-        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words, waiting))
+        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words))
         figures = (reach.largest_before, reach.largest_after, None if left is None else left.largest)
-        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words, waiting))
+        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words))
     for name, number in result.squareness.items() if rows or tolerance else ():
-        after = waiting if left is None or name not in left.squareness else with_u(left.squareness[name])
+        after = none if left is None or name not in left.squareness else with_u(left.squareness[name])
         row(f"{name} / µrad", name, (with_u(number), _between(then[name]) if name in then else none, after))
     for quantity, one in now.items():
         if quantity not in result.squareness and not quantity.startswith("volumetric"):
-            after = waiting if quantity not in later else _between(later[quantity])
+            after = none if quantity not in later else _between(later[quantity])
             before = _between(then[quantity]) if quantity in then else none
             row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), before, after))
-    header = (words["name"], words["as_found"], words["predicted"], words["as_left"])
+    again = words["as_left"] + (f" ({words['not_yet']})" if left is None else "")
+    header = (words["name"], words["as_found"], words["predicted"], again)
     return Table(header=(*header, *((words["tolerance"], words["verdict"]) if tolerance else ())), rows=rows) if rows else None
 
 
-def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str], waiting: str) -> tuple[str, str, str]:
+def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str]) -> tuple[str, str, str]:
     before, after, later = figures
-    return form(before), form(after), waiting if later is None else form(later)
+    return form(before), form(after), shown(None) if later is None else form(later)
 
 
 def _verdict(one: Judged, language: Language) -> str:
     """Return the verdict with the probability of conformity."""
-    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)} %)")
+    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)}\N{NO-BREAK SPACE}%)")
 
 
 def _between(one: Judged) -> str:

@@ -9,10 +9,11 @@ from importlib.resources import files
 
 import jinja2
 
+from stepdiag.base.conformity import together
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.members import StandardFigures
 from stepdiag.base.result.result import Result
-from stepdiag.conclusion import STATES, Conclusion, conclude, conclusion_document, titles_of, words_of
+from stepdiag.conclusion import STATES, Conclusion, Sentence, conclude, conclusion_document, render, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.drawings.figure import Figure, data_link
@@ -98,7 +99,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         **page_parts(number), number=number, digest=digest,
         **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        concluded=_each_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
+        concluded=_with_left(words_of(conclusion_document(known), language), left, language), titles=titles_of(language),
         predicted=correction is not None, chi=sections.chi_square_words(result, words),
         letterhead=letterhead or Letterhead(), left=left,
     )  # fmt: skip
@@ -109,6 +110,16 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
     """Return the conclusion without the verdicts about single figures, which stand in the table above it."""
     firsts = tuple(catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES)
     return {**concluded, "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)]}
+
+
+def _with_left(concluded: dict[str, list[str]], left: AsLeft | None, language: Language) -> dict[str, list[str]]:
+    """Return the conclusion with the verdict as left; what was to be loaded is loaded then, and is not in it."""
+    concluded = _each_once(concluded, language)
+    if left is None:
+        return concluded
+    verdict = Sentence(key=f"verdict_{together(one.verdict for one in left.judged)}")
+    again = [render(Sentence(key="verdict_as_left", arguments={"verdict": verdict}), language)] if left.judged else []
+    return {**concluded, "verdict": [*concluded["verdict"], *again], "load": [], "next_step": []}
 
 
 def localised_document(html: str, language: Language) -> str:

@@ -330,7 +330,10 @@ def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, s
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
         largest = sorted(sources.items(), key=lambda item: (-item[1], item[0]))[:3]
-        named = [f"{source_words(source, words)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
+        named = [
+            f"{source_words(source, words)} {100.0 * share**2 / total:.0f}\N{NO-BREAK SPACE}%" if total else shown(None)
+            for source, share in largest
+        ]
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
         title = quantity_words(quantity, words)
         expanded = COVERAGE * total**0.5

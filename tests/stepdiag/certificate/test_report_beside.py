@@ -98,6 +98,17 @@ def test_altered_report_is_refused_and_found(name: str, folder: Path) -> None:
     assert (told.code, "report report.html: other than" in told.out) == (5, True), told.out
 
 
+@pytest.mark.parametrize("name", ["report.xhtml", "report.HTM", "report", "report.svg"])
+def test_forged_report_by_another_name_is_no_report(name: str, folder: Path) -> None:
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    (folder / name).write_text(text.replace(" ± ", " ± 0", 1), encoding="utf-8")
+    settings = at(folder, SETTINGS)
+    told = stepdiag(
+        "certificate", folder / "result.json", folder / "exports", *settings, "--report", folder / name, "--out", folder / "d.xml"
+    )
+    assert (told.code, (folder / "d.xml").exists()) == (3, False)
+
+
 def test_letterhead_that_the_certificate_does_not_name_is_refused(folder: Path) -> None:
     told = stepdiag(
         "certificate", folder / "result.json", folder / "exports", "--laboratory", folder / "laboratory.toml", "--report",

@@ -238,7 +238,9 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
     by_name = {row[0].partition(" /")[0]: row for row in table.rows}
     rms = by_name["Volumetric error, rms (k = 2)"]
     assert (rms[1], rms[4]) == (" … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()), "5")
-    assert rms[5] == "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
+    assert rms[5].replace("\N{NO-BREAK SPACE}", " ") == (
+        "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
+    )
     expanded = 2.0 * before.squareness["C0Y"].u
     assert by_name["C0Y"][2] == with_expanded(0.0, expanded)
     assert by_name["C0Y"][3] == with_expanded(later.squareness["C0Y"].value, 2 * later.squareness["C0Y"].u).replace("-", "−")
@@ -479,6 +481,16 @@ def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
     assert "after.json" in html
     with pytest.raises(DataError, match="VM 700"):
         require_alike(read_result(paths["before"]), read_result(paths["other"]))
+
+
+def test_conclusion_of_a_survey_after_loading_has_its_verdict_and_no_step_before_it() -> None:
+    before = with_tolerance(solved(1), {"volumetric_rms_um": 1000.0})
+    known = conclude(before)
+    left = as_left("later", conclude(before), known.reach, before)
+    alone, closed = (build_report(before, source="r", left=one).html for one in (None, left))
+    assert ("As left, measured again: conform." in closed, "As left, measured again" in alone) == (True, False)
+    assert ("<h3>Next step</h3>" in closed, "<h3>Next step</h3>" in alone) == (False, True)
+    assert ("as left (not measured yet)" in closed, "as left (not measured yet)" in alone) == (False, True)
 
 
 def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
