@@ -107,7 +107,7 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
                 outcomes.extend(capture.feed(event))
         outcomes.extend(capture.finish())
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
-        outcomes.extend(book.news())
+        outcomes.extend(raised for remark in book.news() for raised in capture.heed(remark))
         replayed.append(ReplayedLog(log.path, tuple(outcomes), log.end))
     findings = tuple(each for one in replayed for each in one.outcomes if isinstance(each, Finding))
     return Replayed(

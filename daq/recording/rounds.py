@@ -9,6 +9,7 @@ import errno
 import os
 import re
 import shutil
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader, damage_of, impossible
 from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
+from stepdiag.daq.recording.corrections import Correction, compared, must_reread, note_correction, reread, text_of
 from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
@@ -118,10 +120,11 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to go on with: the last one where it was recorded with this very survey file and is not complete, or this file has
+    """Return the round to go on with: the last one where it is not complete and its survey file drives the machine alike, or this file has
     further setups; else a new one.
 
-    Logs that were cut off are mended first, into new files.
+    Where registers or laser are read otherwise now, the stops are those of the logs read by this file; that stands beside them. Logs that
+    were cut off are mended first, into new files.
     """
     rounds = round_folders(folder)
     if not rounds:
@@ -129,16 +132,20 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     mend(rounds[-1])
     last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
-    if (last / RESULT).exists() or not all(extends(survey_text, open_log(log).header.survey_text) for log in logs):
+    recorded = text_of(last, logs)
+    changed = compared(recorded, survey_text) if recorded else []
+    if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
-    noted = [noted_in(log) for log in logs]
+    if changed:
+        note_correction(last, Correction(time_s=time.time(), name="run", changes=tuple(map(str, changed)), survey_text=survey_text))
+    noted = noted_round(last, logs, survey_text)
     used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
     return Round(
         last,
         dict(run),
         logs=max(used, default=0),
-        stops=tuple(stop for each in noted for stop in each.stops),
-        findings=tuple(found for each in noted for found in each.findings),
+        stops=noted.stops,
+        findings=noted.findings,
         verdicts=verdicts_in(last),
     )
 
@@ -193,6 +200,17 @@ class Noted:
 
     stops: tuple[CapturedStop, ...]
     findings: tuple[Finding, ...]
+
+
+def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
+    """Return the stops and findings of a round as its survey file makes them: from the logs' notes, else from their bytes."""
+    if logs and must_reread(logs, survey_text):
+        _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
+        outcomes = [outcome for _, outcome in found]
+        stops = tuple(each for each in outcomes if isinstance(each, CapturedStop))
+        return Noted(stops, tuple(each for each in outcomes if isinstance(each, Finding)))
+    noted = [noted_in(log) for log in logs]
+    return Noted(tuple(stop for each in noted for stop in each.stops), tuple(found for each in noted for found in each.findings))
 
 
 def noted_stops(log: Path) -> list[CapturedStop]:

@@ -16,6 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -335,6 +336,7 @@ class Session:
             credible=believed,
             last_count=self.owed if start.last_count is None else start.last_count,
             down=tuple(sorted(self._down)),
+            named=tuple(dict.fromkeys(line for each in self.findings if (line := line_named(each)))),
         )
         setup = self.book.next_setup() or "more"
         header = LogHeader(
@@ -400,7 +402,8 @@ class Session:
             self._sink.promise(stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome))
             self._draw(outcome)
             for remark in self.book.news():
-                self._heed(remark)
+                for raised in self.capture.heed(remark) if self.capture is not None else [remark]:
+                    self._heed(raised)
             return
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)

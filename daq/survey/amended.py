@@ -11,7 +11,7 @@ from stepdiag.base.errors import StepdiagError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_code
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.models import Plan, Proof
+from stepdiag.daq.survey.models import Plan, Proof, Survey
 
 HEADER = re.compile(r"\s*\[")
 OFFSETS = "[[plan.beam_offset]]"
@@ -54,16 +54,20 @@ def extends(text: str, recorded: str) -> bool:
     if text == recorded:
         return True
     try:
-        new, old = parse_survey(text, "survey"), parse_survey(recorded, "log")
+        old = parse_survey(recorded, "log")
+        return without_further(parse_survey(text, "survey"), old) == old
     except StepdiagError:
         return False
+
+
+def without_further(new: Survey, old: Survey) -> Survey:
+    """Return a survey without its further setups, where it drives and codes those of an old one as before; else as it is."""
     names, before = new.plan.all_setups, old.plan.all_setups
     plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
-    return (
-        len(names) > len(before)
-        and msgspec.structs.replace(new, plan=plan) == old
-        and all(run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs)
+    further = len(names) > len(before) and all(
+        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs
     )
+    return msgspec.structs.replace(new, plan=plan) if further else new
 
 
 def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof) -> str:

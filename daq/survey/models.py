@@ -301,6 +301,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
     slot: Annotated[int, Meta(ge=0, le=31)] = 2
     poll_hz: Positive = 50.0
     timeout_s: Positive = 0.3
+    latency_s: NotNegative = 0.0
     own_signals: dict[str, SignalSpec] = msgspec.field(name="signals", default_factory=dict)
     inputs: dict[str, SignalSpec] = {}
     expressions: dict[str, Text] = {}

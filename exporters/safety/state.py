@@ -9,11 +9,9 @@ so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k where it
 log normal (`SIZES`, one k for all tables of a kind), and the share has an uncertainty of its own from that of the result. The odds of "on"
 against "off" are the ratio of the likelihoods of all shares of a kind, integrated over k.
 
-What is left of the function beside its share tells whether the table is of this machine at all: CHANGED of e, whatever the state and k.
-A table of another machine, or of before a repair, shows any share and leaves a rest as large as itself (`ALIEN`), though its share alone
-may look like either state. That is so of all tables of a kind with the odds `ALIEN_ODDS`, a third explanation, which takes the odds away
-where neither of the two fits; and of each table by itself with the probability `ALIEN_ODDS`, whatever the state: one function that was
-repaired says nothing of the others.
+A table of another machine, or of before a repair, shows any share (`ALIEN`). That is so of all tables of a kind with the odds
+`ALIEN_ODDS`, a third explanation, which takes the odds away where neither of the two fits; and of each table by itself with the
+probability `ALIEN_ODDS`, whatever the state: one function that was repaired says nothing of the others.
 
 One table among several that fits the other state, for the size that the others show, is a forgotten switch: a question that names it.
 
@@ -46,35 +44,18 @@ CONTRADICTED, DOUBTED = 20.0, 4.0
 FEWEST_BESIDE = 2
 """So many other tables of a kind have to show the size before one of them is judged by itself."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
-"""Standard deviation of share and rest of a table that is of something else, and how often a table is so beside one state."""
+"""Standard deviation of the share of a table that is of something else, and how often a table is so beside one state."""
 _LOG_K = np.linspace(-1.0, 1.0, 81)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right.
-
-    ``rest`` is what of the function is not the table's, as a share of the table; None of a squareness, which is one number.
-    """
+    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right."""
 
     name: str
     kind: str
     value: float
     u: float
-    rest: float | None
-
-    def log_rest(self, size: Vector | float) -> Vector:
-        """Return the logarithm of the likelihood of the rest where it is expected to be of a ``size``.
-
-        It counts as one number: in how many shapes a function can differ from its table no survey states.
-        """
-        expected = np.hypot(self.u, size)
-        return np.zeros(np.shape(size)) if self.rest is None else np.asarray(-np.log(expected) - 0.5 * (self.rest / expected) ** 2)
-
-    @property
-    def log_alien(self) -> float:
-        """Return the logarithm of the likelihood of a table of something else."""
-        return float(self.log_rest(ALIEN) - np.log(ALIEN) - 0.5 * (self.value / ALIEN) ** 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +93,7 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
     if not old.any():
         return None
     u = float(np.abs(old) @ function.u) / float(old @ old)  # nodes that err together, which is the most that they can do
-    fit = regress(measured, old)
-    return _seen(name, tables, fit.factor, u, rest=fit.rest_um / fit.asked_um)
+    return _seen(name, tables, regress(measured, old).factor, u)
 
 
 def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
@@ -133,9 +113,9 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
     return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
 
 
-def _seen(name: str, tables: Sequence[Table], value: float, u: float, rest: float | None = None) -> Share | None:
+def _seen(name: str, tables: Sequence[Table], value: float, u: float) -> Share | None:
     kind = "+".join(sorted({table.kind for table in tables}))
-    return Share(name=name, kind=kind, value=value, u=u, rest=rest) if u <= SEEN else None
+    return Share(name=name, kind=kind, value=value, u=u) if u <= SEEN else None
 
 
 def _error_um(tables: Sequence[Table], at: Vector) -> Vector:
@@ -154,7 +134,7 @@ def _group(kind: str, members: Sequence[Share]) -> Judged:
     weights = np.array([(share.u**2 + CHANGED**2) ** -1.0 for share in members])
     value = float(weights @ [share.value for share in members] / weights.sum())
     on, off = (_log_likelihood(members, acted=acted) for acted in (True, False))
-    alien = sum(share.log_alien for share in members) + np.log(ALIEN_ODDS)
+    alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(ALIEN_ODDS)
     odds = {state: float(one - np.logaddexp(other, alien)) for state, one, other in (("on", on, off), ("off", off, on))}
     return Judged(
         kind=kind, shares=tuple(members), value=value, u=float(weights.sum() ** -0.5),
@@ -171,7 +151,8 @@ def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
     """Return the logarithm of prior and likelihood for each size of `_LOG_K`."""
     logs: Vector = -0.5 * (_LOG_K / SIZES) ** 2
     for share in members:
-        logs = logs + np.logaddexp(np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), np.log(ALIEN_ODDS) + share.log_alien)
+        alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
+        logs = logs + np.logaddexp(np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), alien)
     return logs
 
 
@@ -179,7 +160,7 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
     """Return the logarithm of the likelihood of a share that is of this function, for each size of `_LOG_K`."""
     whole = np.exp(-_LOG_K)
     u = np.hypot(share.u, CHANGED * whole)
-    return np.asarray(share.log_rest(CHANGED * whole) - np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2)
+    return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2)
 
 
 def apart(group: Judged, *, acted: bool) -> list[str]:
@@ -192,7 +173,7 @@ def apart(group: Judged, *, acted: bool) -> list[str]:
     for share in group.shares:
         rest = [other for other in group.shares if other is not share]
         sizes = _log_sizes(rest, acted=acted)
-        alien = np.log(ALIEN_ODDS) + share.log_alien
+        alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
         other, same = (_log_fit(share, acted=state) for state in (not acted, acted))
         odds = np.logaddexp.reduce(sizes + other) - np.logaddexp.reduce(sizes + np.logaddexp(same, alien))
         if share.name not in SQUARENESS_SLOPE and len(rest) >= FEWEST_BESIDE and odds > np.log(DOUBTED):

@@ -74,7 +74,9 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
     for name in LINEAR_RUNS:
         first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
         lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
-    lines += [(name, (0.0, 0.0, 0.0)) for name in (FOURDOF_RUNS if about.head else ())]
+    lines += [
+        (name, (0.0, 0.0, 0.0)) for name in FOURDOF_RUNS if about.head and any(turn[2] == name[-1].upper() for turn in about.head_turns)
+    ]
     targets = max((run.targets for run in survey.runs), default=0)
     runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets) for name, offset in lines]
     return tuple(dict.fromkeys(run for run in runs if _travels(survey.volume, run)))

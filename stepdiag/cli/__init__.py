@@ -8,6 +8,7 @@ MODULES = (
     "run",
     "status",
     "accept",
+    "correct",
     "begin",
     "stream",
     "solve",

@@ -27,6 +27,9 @@ def certificate(
     laboratory: Path | None = None,
     after: Annotated[Path | None, typer.Option("--as-left")] = None,
     report: Annotated[Path | None, typer.Option("--report")] = None,
+    letterhead: Path | None = None,
+    profile: Path | None = None,
+    pdf: Path | None = None,
     key: Path | None = None,
     key_certificate: Path | None = None,
 ) -> None:
@@ -36,40 +39,54 @@ def certificate(
     if (key is None) != (key_certificate is None):
         raise UsageError("--key, --key-certificate", expected=message("both"), found=message("one-of-both"))
     files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
-    given = [*(("file", path) for path in files), *([("report", report)] if report is not None else [])]
-    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate)
+    if pdf is not None and (report is None or report.suffix.lower() not in {".html", ".htm"}):
+        raise UsageError("--pdf", expected=message("with-option", option="--report FILE.html"), found=message("none"))
+    if pdf is not None and pdf.suffix.lower() != ".pdf":
+        raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
+    beside = (("report", report), ("letterhead", letterhead), ("profile", profile))
+    given = [*(("file", path) for path in files), *((role, path) for role, path in beside if path is not None)]
+    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate, pdf=pdf)
     print_words(message("certificate-rests", path=str(out), count=links))
 
 
 def certify_folder(folder: Path) -> Path:
     """Write the certificate of a finished survey beside its logs, as a person at the page asks for it; return its path.
 
-    It names the files of every export and the report; ``laboratory.toml`` stands in the folder of the survey or above, where one is. A
-    certificate that is there stays: the next one has a number.
+    It names the files of every export, and a report of its own (``certificate.html``) that has the laboratory's file in it;
+    ``laboratory.toml`` stands in the folder of the survey or above, where one is. A certificate that is there stays: the next one has a
+    number.
     """
+    from stepdiag.base.files import read_text
+    from stepdiag.certificate.reports import language_of
+    from stepdiag.report.from_files import ReportFiles, report_from
+    from stepdiag.report.output import write_report
+
     laboratory = next((path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None)
     files = [("file", path) for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
-    report = [("report", path) for path in (folder / "report.html",) if path.is_file()]
     names = ("certificate.xml", *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)))
     out = next((folder / name for name in names if not (folder / name).exists()), folder / names[-1])
-    _write(folder, out, laboratory, [*files, *report])
+    completed = folder / "report.html"
+    language = language_of(read_text(completed)) if completed.is_file() else "en"
+    report = report_from(ReportFiles(result=folder / "result.json", laboratory=laboratory, language=language))
+    (written,) = write_report(report, out.with_suffix(".html"))
+    _write(folder, out, laboratory, [*files, ("report", written)])
     return out
 
 
 def _write(
     result: Path, out: Path, laboratory: Path | None, files: Sequence[tuple[str, Path]], *,
-    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None,
+    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None, pdf: Path | None = None,
 ) -> int:  # fmt: skip
     """Write a certificate; return how many things it rests on."""
     from stepdiag.base.files import write_together
     from stepdiag.certificate.custody import accepted_in, links_of
     from stepdiag.certificate.document import certificate_of
     from stepdiag.certificate.elements import document
-    from stepdiag.cli.report import read_result
+    from stepdiag.cli.report import read_result, result_file
     from stepdiag.report.laboratory import read_laboratory
 
     folder = result if result.is_dir() else result.parent
-    links = links_of(result / "result.json" if result.is_dir() else result, laboratory, left=left, files=files)
+    links = links_of(result_file(result), laboratory, left=left, files=files)
     made = certificate_of(
         read_result(result), read_laboratory(laboratory), links, left=None if left is None else read_result(left),
         accepted=accepted_in(folder) if any(role == "accepted" for role, _, _ in links) else (),
@@ -79,7 +96,15 @@ def _write(
         from stepdiag.certificate.signature import signed
 
         data = signed(data, key, key_certificate)
-    write_together({out: data}, over=False)
+    written = {out: data}
+    if pdf is not None:
+        from stepdiag.base.files import read_bytes
+        from stepdiag.certificate.archival import archival
+        from stepdiag.report.output import printed
+
+        report = next(path for role, path in files if role == "report")
+        written[pdf] = archival(printed(read_bytes(report)), out.name, data)
+    write_together(written, over=False)
     return len(links)
 
 
@@ -88,8 +113,11 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
 
     ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
     """
-    from stepdiag.certificate.custody import verify_certificate
+    from stepdiag.certificate.custody import verify_archived, verify_certificate
 
+    archived = path.suffix.lower() == ".pdf"
+    if archived and (is_store(custody) or key_certificate is not None):
+        raise UsageError(path.name, expected="a folder, and no key: the certificate in it is FILE.xml, which both check", found=custody)
     if key_certificate is not None:
         from stepdiag.certificate.signature import require_signature
 
@@ -99,7 +127,7 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
             from stepdiag.fleet.custody import verify_in_store
         found = verify_in_store(path, custody)
     else:
-        found = verify_certificate(path, Path(custody or path.parent))
+        found = (verify_archived if archived else verify_certificate)(path, Path(custody or path.parent))
     if found.broken is not None:
         print_words(message("certificate-wrong", name=path.name, what=found.broken))
         raise typer.Exit(JUDGED_WRONG)

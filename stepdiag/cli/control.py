@@ -184,7 +184,7 @@ def verify(
     as_json: AsJson = False,
 ) -> None:
     """Judge compensation files, or compute a certificate again."""
-    if result.suffix.lower() == ".xml":
+    if result.suffix.lower() in {".xml", ".pdf"}:
         verify_file(result, custody, key_certificate)
         return
     if custody or key_certificate is not None:

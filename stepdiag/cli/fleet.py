@@ -11,7 +11,7 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
@@ -82,12 +82,11 @@ def check(store: str) -> None:
     with extra_needed("fleet"):
         from stepdiag.fleet import custody
         from stepdiag.fleet.store import Store
-    from stepdiag.terminal.printable import printable
 
     place = Store(store)
     broken = list(custody.check(place))
     for name, why in broken:
-        typer.echo(printable(f"{name}: {why}"), err=True)
+        typer.echo(f"{name}: {shown(why)}", err=True)
     if broken:
         raise DataError(
             store, expected=message("files-unchanged"), found=message("number-damaged", count=len(broken)), remedy=message("lines-above")

@@ -42,33 +42,20 @@ def report(
     as_json: AsJson = False,
 ) -> None:
     """Write the readable report of a result."""
-    from stepdiag.base.files import read_text
-    from stepdiag.base.readings.readings import parse_readings
-    from stepdiag.daq.records.survey_folder import RESULT
-    from stepdiag.report.certificate import read_letterhead
-    from stepdiag.report.document import build_report
-    from stepdiag.report.exported import exported_in
-    from stepdiag.report.laboratory import read_laboratory, sha256_of
-    from stepdiag.report.logs import logs_beside
+    from stepdiag.report.from_files import ReportFiles, report_from
     from stepdiag.report.output import write_report
 
     chosen = _language(language)
     if profile is not None and not files:
         raise UsageError("--profile", expected=message("with-option", option=message("files-of-export")), found=message("none"))
     found = read_result(result)
-    exported = [exported_in(found, files, profile)] if files else []
-    built = build_report(
-        found,
-        source=result.name,
-        exported=exported,
-        left=_as_left(found, exported, read_result(after)) if after is not None else None,
-        letterhead=read_letterhead(letterhead) if letterhead is not None else None,
-        readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
-        logs=logs_beside(result.parent),
-        laboratory=read_laboratory(laboratory).file,
-        sha256=sha256_of(result / RESULT if result.is_dir() else result),
-        language=chosen,
-    )
+    if after is not None:
+        _require_alike(found, read_result(after))
+    made_of = ReportFiles(
+        result=result_file(result), files=files or (), profile=profile, left=None if after is None else result_file(after),
+        letterhead=letterhead, laboratory=laboratory, readings=readings, language=chosen,
+    )  # fmt: skip
+    built = report_from(made_of)
     written = write_report(built, out, pdf=pdf)
     if as_json:
         typer.echo(json.dumps({"written": [str(path) for path in written]}))
@@ -77,15 +64,28 @@ def report(
         print_words(message("report-written", what=more if len(written) > 1 else str(written[0])))
 
 
-def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
-    """Return what the survey after loading says. Raises ``DataError`` where it is another machine's or of another volume."""
+def _require_alike(before: "Result", after: "Result") -> None:
+    """Raise ``DataError`` where the survey after loading is another machine's or of another volume."""
     from stepdiag.comparing.compare import require_alike, require_same_volume
-    from stepdiag.conclusion import conclude
-    from stepdiag.report.certificate import as_left
 
     require_alike(before, after)
     require_same_volume(before, after)
+
+
+def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
+    """Return what the survey after loading shows. Raises ``DataError`` where it is another machine's or of another volume."""
+    from stepdiag.conclusion import conclude
+    from stepdiag.report.certificate import as_left
+
+    _require_alike(before, after)
     return as_left(after.source, conclude(after), _concluded(before, exported).reach, after)
+
+
+def result_file(path: Path) -> Path:
+    """Return the file of a result: the file itself, or that in the folder of a survey."""
+    from stepdiag.daq.records.survey_folder import RESULT
+
+    return path / RESULT if path.is_dir() else path
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
@@ -103,7 +103,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
 
-    file = path / RESULT if path.is_dir() else path
+    file = result_file(path)
     if path.is_dir() and not file.exists():
         remedy = message("command-says", command=shlex.join(["stepdiag", "status", str(path)]))
         raise UsageError(str(path), expected=message("folder-with", what=RESULT), found=message("none"), remedy=remedy)

@@ -28,9 +28,10 @@ from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.archive import digest
+from stepdiag.daq.recording.corrections import replay_corrected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
-from stepdiag.daq.replay import Replayed, find_logs, replay
+from stepdiag.daq.replay import Replayed, find_logs
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
 from stepdiag.daq.survey.environment import NAMES
@@ -101,7 +102,7 @@ def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Rep
     """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
-    replayed = replay(logs, survey_file, verdicts.suspicions)
+    replayed = replay_corrected(logs, survey_file, verdicts.suspicions)
     verdicts.tell(replayed.book)
     return replayed
 

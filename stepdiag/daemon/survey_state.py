@@ -10,7 +10,8 @@ from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
+from stepdiag.daq.recording.corrections import drives_otherwise, text_of
+from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
 from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
@@ -90,7 +91,8 @@ def standing_of(path: Path) -> Standing:
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
     """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
     paths = logs_in(last) if last is not None else []
-    recorded, noted, logs = _read(paths)
+    recorded, readable, logs = _read(paths)
+    recorded = text_of(readable[0].parent, readable) if readable else recorded
     changed = bool(text and recorded and not extends(text, recorded))
     known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
     if known is None:
@@ -102,7 +104,8 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()
     book.foretell(verdicts.suspicions)
-    book.add_all(stop for each in noted for stop in each.stops)
+    noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
+    book.add_all(noted.stops)
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
@@ -117,7 +120,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         next_setup=book.next_setup(),
         doubts=book.doubts(),
         unsolved=unsolved,
-        findings=finding_list(book, [found for each in noted for found in each.findings]),
+        findings=finding_list(book, noted.findings),
         setups=setup_statuses(known, book, drives),
         to_drive=drives,
         logs=tuple(logs),
@@ -127,15 +130,13 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     )
 
 
-def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
-    """Return the survey file of the first readable log, what the logs have noted in order, and how each log stands."""
-    text, noted, logs = "", list[Noted](), list[LogStanding]()
+def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
+    """Return the survey file of the first readable log, the logs that can be read in order, and how each log stands."""
+    text, readable, logs = "", list[Path](), list[LogStanding]()
     for path in counted(paths, message("reading-logs"), len(paths)):
         try:
             own = open_log(path).header.survey_text
-            if not text or extends(own, text):
-                text = own
-            elif not extends(text, own):
+            if text and not extends(text, own) and drives_otherwise(text, own):
                 raise DataError(
                     str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
@@ -144,7 +145,8 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
             trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
-        noted.append(found)
+        text = own if not text or extends(own, text) else text
+        readable.append(path)
         cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
-    return text, noted, logs
+    return text, readable, logs

@@ -23,7 +23,6 @@ from stepdiag.report.drawings.figures import (
 )
 from stepdiag.report.exported import Exported
 from stepdiag.report.laboratory import Laboratory
-from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
@@ -51,14 +50,12 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     conclusion: Conclusion | None = None,
     letterhead: Letterhead | None = None,
     left: AsLeft | None = None,
-    logs: Sequence[Recorded] = (),
     laboratory: Laboratory | None = None,
     sha256: str = "",
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on, ``laboratory`` is who
-    hands it over: the number of the certificate on every page, and who signs. ``sha256`` is that
-    of the result's file, by default of the result as it is written today.
+    """Return the report of a result; ``source`` names the result file in it, ``laboratory`` is who hands it over: the number of the
+    certificate on every page, and who signs. ``sha256`` is that of the result's file, by default of the result as it is written today.
 
     With the readings it also shows what was measured. The prediction is drawn for the first export
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
@@ -95,7 +92,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "assumptions": sections.assumptions_table(result, words, language),
         "slips": sections.slips_table(result, words),
         "history": sections.history_table(result, words, language),
-        "recordings": logs_table(logs, words),
+        "recordings": sections.recordings_table(result, words),
     }
     html = template("template.html").render(
         **page_parts(number), number=number, digest=digest,

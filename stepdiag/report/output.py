@@ -24,7 +24,8 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     asked for and no chromium is there or it fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
-        return [_printed(report, out)]
+        write_atomically(out, printed(report.html.encode()))
+        return [out]
     alone = out.suffix.lower() in {".html", ".htm"}
     if not alone:
         refuse_file_name(out, "FILE.html, FILE.pdf, or a folder")
@@ -36,13 +37,12 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     return [*files, *([print_pdf(document)] if pdf else [])]
 
 
-def _printed(report: Report, out: Path) -> Path:
-    """Write the PDF alone; the document that is printed goes again."""
+def printed(html: bytes) -> bytes:
+    """Return the PDF of an HTML file; no file stays. Raises DeviceError as `print_pdf` does."""
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
         document = Path(folder) / "report.html"
-        document.write_bytes(report.html.encode())
-        write_atomically(out, print_pdf(document).read_bytes())
-    return out
+        document.write_bytes(html)
+        return print_pdf(document).read_bytes()
 
 
 def browser() -> str | None:

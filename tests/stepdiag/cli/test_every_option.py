@@ -110,6 +110,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
             "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
+            "--letterhead": ["--letterhead", "paper.toml"], "--profile": ["--profile", "profile.toml"], "--pdf": ["--pdf", "c.pdf"],
         },
     ),
     "import": (
@@ -246,6 +247,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "pack": {},
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
+    "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
     "begin": {},
     "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},

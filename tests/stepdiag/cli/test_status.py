@@ -182,7 +182,7 @@ def test_a_daemon_that_records_is_seen_and_not_disturbed(survey):
 def test_a_survey_file_changed_since_is_named(survey):
     record(survey, 1, stops_of("ppp"))
     survey.write_text(TEXT + "# a word\n", encoding="utf-8")
-    assert "will begin a new round" in stepdiag("status", survey).out
+    assert "stepdiag correct" in stepdiag("status", survey).out
     survey.write_text(TEXT, encoding="utf-8")
     assert "new round" not in stepdiag("status", survey).out
     assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", "undone, it goes on with these"

@@ -22,14 +22,12 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.interval import with_expanded
-from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.members import SetupReport, Source
 from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import require_alike
 from stepdiag.conclusion import conclude
-from stepdiag.daq.recording.archive import digest
-from stepdiag.daq.records.events import Chunk
 from stepdiag.report.certificate import as_left, effect_table, facts_table, read_letterhead
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings import svg
@@ -49,7 +47,6 @@ from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.exact.members import members
 from testkit.exact.surveys import solved
-from testkit.recording import START_NS, write_log
 
 
 class Outline(HTMLParser):
@@ -458,20 +455,13 @@ def test_a_wavelength_keeps_its_digits() -> None:
     assert "632.991" in [row[1] for row in rows]
 
 
-def test_the_annex_lists_the_logs_with_their_hashes(tmp_path: Path) -> None:
-    """Those that lie beside the result, in the order of their recording; a result without logs has no such table."""
-    (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
-    alone = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "alone.html")])
-    assert alone.exit_code == 0, alone.output
-    assert "Recordings" not in (tmp_path / "alone.html").read_text(encoding="utf-8")
-    for count in (2, 1):
-        write_log(tmp_path / f"000{count}.mcap", [Chunk("laser", START_NS, b"x" * count)])
-    (tmp_path / "0003.mcap").write_bytes(b"no log at all")
-    run = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "report.html")])
-    assert run.exit_code == 0, run.output
-    html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    digests = [digest(tmp_path / name) for name in ("0001.mcap", "0002.mcap")]
-    assert 0 < html.index(digests[0]) < html.index(digests[1]) < html.index("damaged")
+def test_the_annex_lists_the_sources_with_their_hashes(tmp_path: Path) -> None:
+    """Those that the result names, wherever they stand; a result that names none has no such table."""
+    result = made_up_result()
+    assert "<h3>Sources</h3>" not in build_report(result, source="result.json").html
+    sources = tuple(Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64) for count in (1, 2))
+    html = build_report(replace(result, sources=sources), source="result.json").html
+    assert 0 < html.index("0001.mcap") < html.index("1" * 64) < html.index("0002.mcap") < html.index("2" * 64)
 
 
 def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:

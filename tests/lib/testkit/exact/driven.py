@@ -117,8 +117,8 @@ def _spoiled(chunk):
 class Program:
     """Drives the passes of a survey one after the other and meets its faults."""
 
-    def __init__(self, machine, *, size=BOX_MM, n=2, back=False, faults=(), seed=0, decimals=None, swapped=()):
-        self.machine, self.back = machine, back
+    def __init__(self, machine, *, size=BOX_MM, n=2, back=False, faults=(), seed=0, decimals=None, swapped=(), order="xyz", dwell_s=0.55):
+        self.machine, self.back, self.order, self.dwell_s = machine, back, order, dwell_s
         self.box = Box(size_mm=size, increments=n, decimals=decimals)
         self.stops, self.spans, self.count_mm = [], [], 0.0
         self.faults = list(faults)
@@ -130,7 +130,7 @@ class Program:
         driven = self.swapped.get(setup, setup)
         how = Alignment() if "-" in setup else Alignment(mirror_mrad=(0.3, -0.2))
         numbers = passes or ((1, 2) if self.back else (1,))
-        first = simulate_pass(self.machine, self.box, driven, numbers[0], alignment=how)
+        first = simulate_pass(self.machine, self.box, driven, numbers[0], alignment=how, axis_order=self.order)
         self._stand(first.position_mm[0], 0.0, setup=0, seconds=0.6, shown=False, counts=0)
         self.spans.append(("lost", len(self.stops) - 1, float(self.rng.uniform(-50, 50))))
         self.count_mm = -first.first_mm
@@ -138,7 +138,7 @@ class Program:
             self._pass(setup, driven, number, how)
 
     def _pass(self, setup, driven, number, how):
-        taken = simulate_pass(self.machine, self.box, driven, number, alignment=how)
+        taken = simulate_pass(self.machine, self.box, driven, number, alignment=how, axis_order=self.order)
         reads = taken.first_mm + taken.reading_mm
         placed = aligned_setup(self.machine, self.box, driven, how)
         name = NUMBERS[setup]
@@ -156,7 +156,7 @@ class Program:
                 stop += 1
                 continue
             beside = {"shown": "unsignalled" not in kinds, "counts": {"doubled": 2, "missed": 0}.get(next(iter(kinds), ""), 1)}
-            self._stand(taken.position_mm[stop], reads[stop], setup=name, seconds=kinds.get("cut", 0.55), **beside)
+            self._stand(taken.position_mm[stop], reads[stop], setup=name, seconds=kinds.get("cut", self.dwell_s), **beside)
             at = len(self.stops) - 1
             self.spans += [(kind, at, value) for kind, value in kinds.items()]
             if "hold" in kinds and stop + 1 < len(reads):
@@ -177,13 +177,18 @@ class Program:
                 continue
             stop += 1
 
+    def finish(self, seconds=3.0):
+        """Leave the last stop: a machine without signals shows only so that it has stood there."""
+        last = self.stops[-1]
+        self.stops.append(Standstill(last.position, last.reading + 7.0, 0, seconds, 0, False))
+
     def _stand(self, position, reading, *, setup, seconds=0.55, shown=True, counts=1, off_mm=0.0):
         place = tuple(float(value) for value in position)
         self.stops.append(Standstill(place, float(reading + self.count_mm + off_mm), setup, seconds, counts, shown))
 
-    def events(self, *, noise_um=0.1, **more):
-        """Return everything that recorder and PLC link would hand over."""
-        bench = Bench(self.stops, seed=3, rate_hz=RATE_HZ, poll_hz=POLL_HZ, noise_um=noise_um, move_s=0.3, lost_mm=0.0, **more)
+    def events(self, *, noise_um=0.1, bench=Bench, **more):
+        """Return everything that recorder and PLC link would hand over; ``bench`` is the class of the timeline."""
+        bench = bench(self.stops, seed=3, rate_hz=RATE_HZ, poll_hz=POLL_HZ, noise_um=noise_um, move_s=0.3, lost_mm=0.0, **more)
         times = bench.schedule()
         for kind, at, value in self.spans:
             begin, end = times[at]
