@@ -21,7 +21,7 @@ def next_setup(
     note: Annotated[bool, typer.Option("--note", hidden=True)] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say which setup to drive next, what it brings in what time, and when to stop."""
+    """Show which setup to drive next."""
     from stepdiag.daq.service.priority import lower_priority
 
     if note:

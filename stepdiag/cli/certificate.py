@@ -117,7 +117,7 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
 
     archived = path.suffix.lower() == ".pdf"
     if archived and (is_store(custody) or key_certificate is not None):
-        raise UsageError(path.name, expected=message("pdf-in-a-folder"), found=custody)
+        raise UsageError(path.name, expected=message("archived-in-folder"), found=custody)
     if key_certificate is not None:
         from stepdiag.certificate.signature import require_signature
 

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words, shown
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -34,32 +37,33 @@ def correct(
     rounds = round_folders(folder)
     logs = begun_logs(rounds[-1]) if rounds else []
     if not logs:
-        raise UsageError(str(survey), expected="a survey that was recorded", found="nothing recorded yet")
+        raise UsageError(str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet"))
     if is_recording(folder):
-        raise UsageError(str(folder), expected="no daemon that records", found="one that runs", remedy="stop it, correct, start it again")
+        remedy = message("stop-then-correct")
+        raise UsageError(str(folder), expected=message("no-other"), found=message("found-running"), remedy=remedy)
     last = rounds[-1]
     if (last / RESULT).exists():
-        raise UsageError(str(last), expected="a round without a result", found=RESULT, remedy="solve the corrected logs beside it")
+        raise UsageError(str(last), expected=message("unsolved-round"), found=RESULT, remedy=message("solve-corrected"))
     recorded = text_of(last, logs)
     changed = compared(recorded, text)
     if changed is None or any(each.begins_round for each in changed):
         driven = [str(each) for each in changed or () if each.begins_round]
-        raise UsageError(str(survey), expected="the volume, targets and program of the logs", found="; ".join(driven) or "another one",
-                         remedy="start `stepdiag run` for a new round")  # fmt: skip
+        found, remedy = "; ".join(driven) or message("another-one"), message("run-new-round")
+        raise UsageError(str(survey), expected=message("driven-as-logs"), found=found, remedy=remedy)
     if not changed:
-        typer.echo("nothing to correct: the logs were recorded, or corrected, with this file")
+        print_words(message("nothing-to-correct"))
         return
     for each in changed:
         typer.echo(printable(str(each)))
     if must_reread(logs, text):
-        for title, by_file in (("as recorded", recorded), ("corrected", text)):
-            noted, book = noted_round(last, logs, by_file), PassBook(parse_survey(by_file, title))
+        for title, by_file in ((message("as-recorded"), recorded), (message("as-corrected"), text)):
+            noted, book = noted_round(last, logs, by_file), PassBook(parse_survey(by_file, str(title)))
             book.add_all(noted.stops)
             whole = sum(one.whole for one in book.passes)
             errors = sum(one.severity == "error" for one in noted.findings)
-            typer.echo(f"{title}: {whole} whole passes, {len(noted.stops)} stops, {errors} errors")
+            print_words(message("passes-counted", title=title, whole=whole, stops=len(noted.stops), errors=errors))
     if not yes:
-        typer.confirm("apply this to the logs?", abort=True)
+        typer.confirm(shown(message("ask-correct")), abort=True)
     done = Correction(time_s=time.time(), name=name or getpass.getuser(), changes=tuple(map(str, changed)), survey_text=text)
     note_correction(last, done)
-    typer.echo(f"corrected: {last}")
+    print_words(message("corrected-round", folder=str(last)))

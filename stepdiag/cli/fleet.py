@@ -11,13 +11,12 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import print_words, shown
+from stepdiag.terminal.viewer import language_named, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
     from stepdiag.fleet.resolve import Scheduler
     from stepdiag.fleet.trend import Trend
-    from stepdiag.texts.texts import Language
 
 
 archive = typer.Typer(no_args_is_help=True)
@@ -107,7 +106,7 @@ def trend(
     """Show what changed on the machines of a store."""
     if language is not None and report is None:
         raise UsageError("--language", expected=message("with-option", option="--report"), found=message("none"))
-    chosen = _language(language or "en")
+    chosen = language_named(language or "en")
     found, left_out = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
@@ -156,7 +155,7 @@ def fleet(
     from stepdiag.fleet.store import Store
 
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
-    chosen = _language(language)
+    chosen = language_named(language)
     sheets.sheet(chosen)
     token = token_urlsafe(18)
     print_words(message("fleet-page", address=f"http://{host}:{port}/?token={token}", store=store))
@@ -251,12 +250,3 @@ def _tolerance(text: str) -> tuple[str, float]:
             "--tolerance", expected=message("such-as", what=message("quantity-above-0"), example="volumetric-rms=15"), found=repr(text)
         )
     return quantity, largest
-
-
-def _language(language: str) -> "Language":
-    from stepdiag.texts.texts import LANGUAGES
-
-    chosen = next((known for known in LANGUAGES if known == language), None)
-    if chosen is None:
-        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
-    return chosen

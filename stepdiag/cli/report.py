@@ -12,14 +12,13 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson, languages
 from stepdiag.cli.granted import say_granted
-from stepdiag.terminal.viewer import print_words, viewers_language
+from stepdiag.terminal.viewer import language_named, print_words, viewers_language
 
 if TYPE_CHECKING:
     from stepdiag.base.result.result import Result
     from stepdiag.conclusion import Conclusion
     from stepdiag.report.certificate import AsLeft
     from stepdiag.report.exported import Exported
-    from stepdiag.texts.texts import Language
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +44,7 @@ def report(
     from stepdiag.report.from_files import ReportFiles, report_from
     from stepdiag.report.output import write_report
 
-    chosen = _language(language)
+    chosen = language_named(language)
     if profile is not None and not files:
         raise UsageError("--profile", expected=message("with-option", option=message("files-of-export")), found=message("none"))
     found = read_result(result)
@@ -138,7 +137,7 @@ def compare(
         raise UsageError("compare", expected=message("two-results"), found=str(len(results)))
     if profile is not None and not loaded:
         raise UsageError("--profile", expected=message("with-option", option="--loaded"), found=message("no-files"))
-    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": _language(language) != "en"}
+    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": language_named(language) != "en"}
     if out is None and any(page.values()):
         raise UsageError(
             next(name for name, given in page.items() if given),
@@ -186,20 +185,11 @@ def _write_as_left(
     if out.suffix.lower() not in {".html", ".htm"}:
         raise UsageError("--out", expected=message("file-named", endings=["*.html"]), found=str(out))
     page = build_as_left(
-        before, after, left, _concluded(before, exported), exported=exported, language=_language(language),
+        before, after, left, _concluded(before, exported), exported=exported, language=language_named(language),
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
     )  # fmt: skip
     for path in write_report(page, out, pdf=pdf):
         print_words(message("as-left-written", path=str(path)), err=True)
-
-
-def _language(wanted: str) -> "Language":
-    from stepdiag.texts.texts import LANGUAGES
-
-    chosen = next((known for known in LANGUAGES if known == wanted), None)
-    if chosen is None:
-        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
-    return chosen
 
 
 def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import os
 from typing import TYPE_CHECKING
 
+from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Message, Words, rendered
 from stepdiag.terminal.printable import printable
 from stepdiag.texts.texts import LANGUAGES, Language
@@ -15,6 +16,14 @@ def viewers_language() -> Language:
     """Return the language that the environment names for messages (POSIX: LC_ALL before LC_MESSAGES before LANG), or English."""
     named = next((value for name in ("LC_ALL", "LC_MESSAGES", "LANG") if (value := os.environ.get(name))), "")
     return next((language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language), "en")
+
+
+def language_named(wanted: str) -> Language:
+    """Return the language of an option. Raises UsageError for one without texts."""
+    chosen = next((known for known in LANGUAGES if known == wanted), None)
+    if chosen is None:
+        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
+    return chosen
 
 
 def print_words(words: Words, *, err: bool = False) -> None:

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[3]
 FLOORS = ("daq", "solver", "exporters", "stepdiag")
 NAMES = ("--", "stepdiag ", "fourdof ", "service ", "4-DOF head")
 """Beginnings of options, commands and names of more than one word."""
-PRINTED = {"echo", "prompt", "working", "counted", "asked"}
+PRINTED = {"echo", "prompt", "confirm", "working", "counted", "asked"}
 MADE_BY = {"require", "UsageError", "DataError", "DeviceError", "SafetyError", "refuse", "finding", "Finding", *PRINTED}
 SENTENCE = re.compile(r"[A-Za-z]{2,} [a-z]{2,}|^(none|nothing|both|neither|silence|more|fewer|others|another|damaged)$")
 
