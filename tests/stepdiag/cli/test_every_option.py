@@ -252,6 +252,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
     "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
+    "archive check": {"stepdiag/fleet/test_custody.py": []},
     "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
     "resolve": {
         "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
