@@ -6,11 +6,12 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words
+from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.corrections import drives_otherwise, text_of
+from stepdiag.daq.recording.corrections import corrections_in, drives_otherwise, text_of
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, SetupStatus
@@ -57,6 +58,10 @@ class Standing:
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
+    wrong_line: str
+    """The line of the survey file that a finding names as wrong; empty where none is."""
+    corrections: tuple[str, ...]
+    """When, by whom and what the survey file was corrected since the logs were recorded."""
     disk: Words
     """The finding of the disk; empty while there is room."""
 
@@ -100,6 +105,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book.foretell(verdicts.suspicions)
     noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
     book.add_all(noted.stops)
+    book.wrong_line = next(map(line_named, filter(line_named, noted.findings)), "")
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
@@ -118,6 +124,8 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         setups=setup_statuses(known, book, drives),
         to_drive=drives,
         logs=tuple(logs),
+        wrong_line=book.wrong_line,
+        corrections=tuple(map(str, corrections_in(last))) if last is not None else (),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )
