@@ -43,11 +43,14 @@ def named_after(found: Any) -> int | None:
 
 
 def _lines(found: Any) -> list[tuple[int, str]]:
-    return [
+    """Return the lines that findings name, each with the number of stops before it: those of the result come after the last stop."""
+    solved = [(found.stops, line) for line in (found.files.lines if found.files is not None else ())]
+    found_lines = [
         (stops, str(each.message.arguments["line"]))
         for stops, each in zip(found.after, found.findings, strict=True)
         if each.message is not None and "line" in each.message.arguments
     ]
+    return found_lines + solved
 
 
 def judge(found: Any, count: Count) -> None:
@@ -62,7 +65,7 @@ def judge(found: Any, count: Count) -> None:
     if stops is not None:
         count.named += 1
         count.stops.append(stops)
-    elif not right:
+    elif not right and not found.shop.faults:
         count.dead.append(found.shop.seed)
     if any(not found.shop.line or not line.startswith(found.shop.line) for _, line in _lines(found)):
         count.false.append(found.shop.seed)

@@ -11,7 +11,7 @@ from typing import Literal
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
-from stepdiag.daq.capture.cause import CauseFinder, Stand, seen_late_s
+from stepdiag.daq.capture.cause import CauseFinder, Stand, moves_between
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -327,9 +327,9 @@ class Capture:
             return
         walk, taken = self.walk, certain_windows(self.laser, dwell, self._survey.stop)
         until_ns = taken[0].to_ns if taken else dwell.to_ns
-        late = seen_late_s(self.laser, self._dwell_before, dwell) if self._dwell_before is not None else ()
+        moves = moves_between(self.laser, self._dwell_before, dwell) if self._dwell_before is not None else ()
         self._dwell_before = dwell
-        stand = Stand(dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), *late)
+        stand = Stand(dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves)
         outcomes.extend(self._cause.take(stand, walk.route.setup if walk is not None else None, walk.expected if walk is not None else 0))
 
     def _reading_mm(self, dwell: Dwell) -> float | None:

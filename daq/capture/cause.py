@@ -14,8 +14,10 @@ nominal reading n_i. A cause changes exactly one statement:
     positions    p = k x + c per axis      offset, sign, factor, permutation, diameter, a register that is not the commanded position
     laser        r_i - r_(i-1) = f (n_i - n_(i-1))          sign, optics factor, unit
     time         the laser's move begins and ends later or earlier than the signals' move: latency of the laser or of the control (both
-                 edges alike), a stop bit that comes before the machine rests (the second edge alone)
-    route        another axis order, another setup than the code states, another box
+                 edges alike), a stop bit that comes before the machine rests (the second edge alone). The steps are then those of the
+                 moves at that time: a window between late signals may hold the reading of the next stop
+    route        another axis order, another setup than the code states, another box. Orders that nothing tells apart, because two axes
+                 make the same step, are one hypothesis with two values
 
 Likelihood. Every coordinate scatters by `BESIDE_MM` about its hypothesis, or is an outlier with probability `OUTLIER`, spread over
 `RANGE_MM`; every step of the laser likewise, by `STEP_MM` and `STEP_SHARE` of the step. A free number that is fitted to the standstills
@@ -33,9 +35,9 @@ are named again from the logs when the file is corrected.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, permutations
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -47,7 +49,7 @@ from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.log_start import PassHint
-from stepdiag.daq.capture.place.route import Route, route_of
+from stepdiag.daq.capture.place.route import Route, agrees, route_of
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
@@ -67,10 +69,11 @@ FIRST, LAST = 3, 8
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)
 CONFIRMED = 2
 FREE = math.log(RANGE_MM / BESIDE_MM)
-EDGE_S, RANGE_S, PLATEAU_S = 0.04, 2.0, 0.1
+ON_TIME = (0.0, 0.0)
+EDGE_S, RANGE_S, PLATEAU_S = 0.03, 2.0, 0.1
 """An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
 LEAST_MOVE_MM = 1.0
-LEAST_LATE_S = 0.08
+LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
 
 HELD = frozenset(
     ["unexpected-position", "wrong-laser-sign", "wrong-axis-order", "wrong-direction", "step-mismatch", "laser-reset", "no-move",
@@ -78,8 +81,10 @@ HELD = frozenset(
      "stop-doubtful", "reading-differs"]
 )  # fmt: skip
 """What is not raised before the third standstill: one cause may explain it."""
-EXPLAINED = HELD | {"position-differs", "place-unknown", "between-stops", "stop-recovered", "other-side"}
-"""What is not raised once a cause is named."""
+EXPLAINED = HELD | {
+    "position-differs", "place-unknown", "between-stops", "stop-recovered", "other-side", "turned-round", "count-slip", "beam-lost"
+}  # fmt: skip
+"""What is not raised once a cause is named: the logs are read anew by the corrected file, which raises what is left."""
 
 Code = Literal["unexpected-position.cause", "wrong-laser-sign.cause", "wrong-axis-order.cause", "step-mismatch.cause"]
 CODES: Mapping[str, Code] = {
@@ -96,34 +101,60 @@ Change = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
+class Move:
+    """A move that the laser saw: how much later than the signals it left the standstill before and came to this one, in s, and its length.
+
+    ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the polls.
+    """
+
+    left_s: float
+    came_s: float
+    step_mm: float
+    u_s: float
+
+    def fits(self, late_s: tuple[float, float]) -> float:
+        """Return the logarithm of the likelihood of both times where the laser is so much later than the signals."""
+        off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
+        return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
+
+
+@dataclass(frozen=True, slots=True)
 class Stand:
     """One standstill: the signals as decoded, what the laser reads (None: nothing), and how often its count was lost until then.
 
-    ``late_s`` is by how much the laser left the standstill before, and came to this one, later than the machine's signals state it;
-    ``u_late_s`` the standard uncertainty of both (the pace of the polls). None where the move was not seen.
+    ``moves`` are those of the laser that may be the one to this standstill; none where no plateaus were seen.
     """
 
     signals: Signals
     reading_mm: float | None
     losses: int = 0
-    late_s: tuple[float, float] | None = None
-    u_late_s: float = EDGE_S
+    moves: tuple[Move, ...] = ()
+
+    def move(self, late_s: tuple[float, float]) -> Move | None:
+        """Return the move to this standstill where the laser is so much later than the signals; None where none was seen."""
+        return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
-def seen_late_s(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[tuple[float, float] | None, float]:
-    """Return how much later than its dwells the laser left the first and came to the second, and the uncertainty, in s.
+def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
+    """Return the moves of the laser about two dwells in a row: from any plateau to any later one.
 
-    The moments of the signals lie between two polls; those of the laser are the edges of its plateaus about the only move.
+    The moments of the signals lie between two polls; those of the laser are the edges of its plateaus.
     """
     poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
-    span = laser.span(before.from_ns, dwell.to_ns)
+    span = laser.span(before.from_ns - MOST_LATE_S * 1e9, math.inf)
     levels = find_plateaus(span.time_ns, span.position_mm, PLATEAU_S)
-    moves = [(level.to_ns, after.from_ns) for level, after in pairwise(levels) if abs(after.level_mm - level.level_mm) > LEAST_MOVE_MM]
-    if len(moves) != 1:  # a machine that goes beyond a stop and comes back moves twice
-        return None, EDGE_S
-    left_ns, came_ns = moves[0]
-    late = (left_ns - before.to_ns - poll_ns / 2) * 1e-9, (came_ns - dwell.from_ns + poll_ns / 2) * 1e-9
-    return late, math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
+    u_s = math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
+    moves = (
+        Move(
+            (level.to_ns - before.to_ns - poll_ns / 2) * 1e-9, (after.from_ns - dwell.from_ns + poll_ns / 2) * 1e-9,
+            after.level_mm - level.level_mm, u_s,
+        )
+        for number, level in enumerate(levels)
+        for after in levels[number + 1 :]
+    )  # fmt: skip
+    return tuple(
+        each for each in moves if abs(each.left_s) < MOST_LATE_S and abs(each.came_s) < MOST_LATE_S and abs(each.step_mm) > LEAST_MOVE_MM
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +170,7 @@ class Cause:
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     shifts_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     laser: float = 1.0
-    late_s: tuple[float, float] = (0.0, 0.0)
+    late_s: tuple[float, float] = ON_TIME
     free: int = 0
     kind: str = ""
     what: Message | None = None
@@ -223,8 +254,10 @@ class CauseFinder:
         shown = self._shown_mm()
         if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > 4 * BESIDE_MM:
             return False
-        if cause.late_s != (0.0, 0.0):
-            return sum(each.late_s is not None for each in self.stands) >= CONFIRMED
+        if cause.late_s != ON_TIME:
+            seen = [(move, cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None]
+            alike = [abs(move.left_s - left) < 4 * move.u_s and abs(move.came_s - came) < 4 * move.u_s for move, (left, came) in seen]
+            return sum(alike) >= CONFIRMED and self._agreeing(cause) >= CONFIRMED
         return self._agreeing(cause) >= CONFIRMED
 
     def _goes_on(self, route: Route) -> bool:
@@ -240,11 +273,16 @@ class CauseFinder:
     def _agreeing(self, cause: Cause) -> int:
         """Return how many steps of the laser are those of a hypothesis."""
         wanted = cause.steps_mm(len(self.stands))
-        return int(np.count_nonzero(_agrees(self._steps_mm(), wanted)))
+        return int(np.count_nonzero(_agrees(self._steps_mm(cause.late_s), wanted)))
 
-    def _steps_mm(self) -> Matrix:
+    def _steps_mm(self, late_s: tuple[float, float] = ON_TIME) -> Matrix:
+        """Return the laser's steps between the standstills; where it is late against the signals, those of the moves that it made then."""
         readings = [math.nan if each.reading_mm is None else each.reading_mm for each in self.stands]
-        return np.diff(np.array(readings))
+        steps: Matrix = np.diff(np.array(readings))
+        if late_s != ON_TIME:
+            moves = [each.move(late_s) for each in self.stands[1:]]
+            steps = np.array([step if move is None else move.step_mm for step, move in zip(steps, moves, strict=True)])
+        return steps
 
     def _shown_mm(self) -> Matrix | None:
         places = [each.signals.commanded_mm for each in self.stands]
@@ -252,15 +290,16 @@ class CauseFinder:
 
     def _scored(self, setup: str | None) -> Iterator[tuple[float, Cause]]:
         """Yield every hypothesis with the logarithm of its likelihood and prior."""
-        shown, steps, count = self._shown_mm(), self._steps_mm(), len(self.stands)
+        shown, count = self._shown_mm(), len(self.stands)
         for outward in (True, False) if setup is not None else ():
             plain = Cause(self._route(setup or "", outward=outward))
             yield self._as_stated(plain.route, shown) + self._in_time(plain), plain
-        for cause in self._hypotheses(setup, shown, steps):
+        for cause in self._hypotheses(setup, shown, self._steps_mm()):
             if count > len(cause.route):
                 continue
             score = -CAUSE * bool(cause.changes) - FREE * cause.free
             wanted = cause.steps_mm(count)
+            steps = self._steps_mm(cause.late_s)
             score += float(np.nansum(_log_likelihood(steps - wanted, STEP_MM + STEP_SHARE * np.abs(wanted))))
             if shown is not None:
                 score += float(np.sum(_log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, BESIDE_MM))))
@@ -269,8 +308,8 @@ class CauseFinder:
     def _as_stated(self, route: Route, shown: Matrix | None) -> float:
         """Return the best logarithm of the likelihood of the file as it is, over the ways in which a pass goes wrong at single stops.
 
-        A standstill is the next stop, or for `SINGLE` each the same one again, one or two further on, or no stop at all. Its step counts
-        from the last standstill that is a stop.
+        A standstill is the next stop, or for `SINGLE` each the same one again, one or two further on, or no stop at all: then it lies
+        anywhere on the way. Its step counts from the last standstill that is a stop.
         """
         usual_mm = STEP_MM + STEP_SHARE * float(np.median(np.abs(np.diff(route.nominal_mm))))
         alike = float(_log_likelihood(np.zeros(1), np.array([usual_mm]))[0])
@@ -283,7 +322,8 @@ class CauseFinder:
                 following[key] = max(following.get(key, -math.inf), score)
 
             for (stop, base), score in paths.items():
-                nowhere = score - SINGLE + (placed if shown is not None else 0.0) + (alike if number else 0.0)
+                nowhere = score - SINGLE - math.log(RANGE_MM)
+                nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
                 reach((stop, base), nowhere)
                 for onward, cost in MOVES.items():
                     there = stop + onward
@@ -306,11 +346,7 @@ class CauseFinder:
 
     def _in_time(self, cause: Cause) -> float:
         """Return the logarithm of the likelihood of the edges of the moves."""
-        return sum(
-            float(np.sum(_log_likelihood(np.subtract(each.late_s, cause.late_s), np.full(2, each.u_late_s), RANGE_S)))
-            for each in self.stands
-            if each.late_s is not None
-        )
+        return sum(move.fits(cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None)
 
     def _hypotheses(self, setup: str | None, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
         if setup is not None:
@@ -318,7 +354,7 @@ class CauseFinder:
             yield from self._laser_causes(route)
             yield from self._time_causes(route)
             if setup_of(setup).is_diagonal:
-                yield from self._order_causes(setup)
+                yield from self._order_causes(setup, shown)
             yield from self._box_causes(setup, shown, steps)
             if shown is not None:
                 yield from self._map_causes(route, shown)
@@ -328,34 +364,53 @@ class CauseFinder:
     def _laser_causes(self, route: Route) -> Iterator[Cause]:
         laser = self.survey.laser
         yield Cause(route, laser=-1.0, kind="laser.sign", what=message("cause-laser-sign"), changes=(("laser.sign", f"{-laser.sign}"),))
-        for factor in (*FACTORS, 4.0, 0.25):
-            change = _laser_change(self.survey, factor)
-            yield Cause(route, laser=factor, kind="laser.factor", what=message("cause-laser-factor", factor=factor), changes=(change,))
+        wanted, seen = np.diff(route.nominal_mm[: len(self.stands)]), self._steps_mm()[: len(route) - 1]
+        fitted = float(f"{np.nansum(seen * wanted) / np.sum(wanted**2):.4g}")
+        for factor in dict.fromkeys((*FACTORS, 4.0, 0.25, fitted)):
+            free = int(factor == fitted and factor not in FACTORS)
+            yield Cause(route, laser=factor, free=free, kind="laser.factor", what=message("cause-laser-factor", factor=factor),
+                        changes=(laser_change(self.survey, factor),))  # fmt: skip
 
     def _time_causes(self, route: Route) -> Iterator[Cause]:
-        """Yield a laser or a control that is late, and a stop bit that is early, by the median of what was seen."""
-        seen = np.array([each.late_s for each in self.stands if each.late_s is not None])
-        if len(seen) < CONFIRMED:
-            return
-        both, came = float(np.median(seen)), float(np.median(seen[:, 1]))
-        survey = self.survey
-        late = round(abs(both), 2)
-        if both > LEAST_LATE_S:
-            yield Cause(route, late_s=(both, both), free=1, kind="laser late", what=message("cause-laser-late", late_s=late),
-                        changes=(("laser.latency_s", f"{survey.laser.latency_s + late:.2f}"),))  # fmt: skip
-        elif both < -LEAST_LATE_S:
-            yield Cause(route, late_s=(both, both), free=1, kind="plc late", what=message("cause-plc-late", late_s=late),
-                        changes=(("plc.latency_s", f"{survey.plc.latency_s + late:.2f}"),))  # fmt: skip
-        if came > LEAST_LATE_S:
-            yield Cause(route, late_s=(0.0, came), free=1, kind="bit early", what=message("cause-bit-early", early_s=round(came, 2)),
-                        changes=(("stop.settle_s", f"{survey.stop.settle_s + came:.2f}"),))  # fmt: skip
+        """Yield a laser or a control that is late, and a stop bit that is early, by as much as any move shows."""
+        laser_s, plc_s, settle_s = self.survey.laser.latency_s, self.survey.plc.latency_s, self.survey.stop.settle_s
+        for both in self._seen_s(lambda move: 0.5 * (move.left_s + move.came_s), lambda move: move.left_s - move.came_s):
+            if both > 0:
+                what, change = message("cause-laser-late", late_s=both), ("laser.latency_s", f"{laser_s + both:.2f}")
+            else:
+                what, change = message("cause-plc-late", late_s=-both), ("plc.latency_s", f"{plc_s - both:.2f}")
+            yield Cause(route, late_s=(both, both), free=1, kind=change[0], what=what, changes=(change,))
+        for came in self._seen_s(lambda move: move.came_s, lambda move: move.left_s):
+            if came > 0:
+                yield Cause(route, late_s=(0.0, came), free=1, kind="bit early", what=message("cause-bit-early", early_s=came),
+                            changes=(("stop.settle_s", f"{settle_s + came:.2f}"),))  # fmt: skip
 
-    def _order_causes(self, setup: str) -> Iterator[Cause]:
+    def _seen_s(self, late_s: Callable[[Move], float], off_s: Callable[[Move], float]) -> list[float]:
+        """Return by how much moves are late, each value once: the mean of those that agree; ``off_s`` is zero where a move is so late."""
+        seen = sorted(
+            late_s(move) for each in self.stands for move in each.moves
+            if abs(off_s(move)) < 4 * move.u_s and abs(late_s(move)) > LEAST_LATE_S
+        )  # fmt: skip
+        groups: list[list[float]] = []
+        for value in seen:
+            if groups and value - groups[-1][-1] < EDGE_S:
+                groups[-1].append(value)
+            else:
+                groups.append([value])
+        return [round(float(np.median(group)), 2) for group in groups if len(group) >= CONFIRMED]
+
+    def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
+        """Yield every other order of the axes; those that nothing tells apart, because two axes make the same step, as one."""
+        alike: dict[bytes, tuple[list[str], Route]] = {}
         for order in map("".join, permutations(AXES)):
-            if order != self.survey.axis_order:
-                route = self._route(setup, replace(self.survey.planned, axis_order=order))
-                yield Cause(route, kind=f"order {order}", what=message("cause-axis-order", order=order),
-                            changes=(("volume.axis_order", f'"{order}"'),))  # fmt: skip
+            route = self._route(setup, replace(self.survey.planned, axis_order=order))
+            seen = route.nominal_mm if shown is None else route.stops_mm
+            alike.setdefault(np.round(seen, 3).tobytes(), ([], route))[0].append(order)
+        for orders, route in alike.values():
+            if self.survey.axis_order not in orders:
+                value = " or ".join(f'"{order}"' for order in orders)
+                yield Cause(route, kind=f"order {value}", what=message("cause-axis-order", orders=orders),
+                            changes=(("volume.axis_order", value),))  # fmt: skip
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
         """Yield a box with another length of one axis, as the positions show it, else as the steps do."""
@@ -479,9 +534,8 @@ def line_named(found: Finding) -> str:
 
 
 def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
-    """Tell which steps are those wanted."""
-    agree: NDArray[np.bool_] = np.abs(steps - wanted) <= 4 * (STEP_MM + STEP_SHARE * np.abs(wanted))
-    return agree
+    """Tell which steps are those wanted, by the measure of a single step (`place.route.agrees`)."""
+    return np.array([agrees(step, nominal) for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)])
 
 
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
@@ -491,14 +545,16 @@ def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> M
     return density
 
 
-def _laser_change(survey: Survey, factor: float) -> Change:
+def laser_change(survey: Survey, factor: float) -> Change:
     """Return the line that makes the laser read ``1 / factor`` times as much."""
     laser = survey.laser
     if laser.format == "line" and laser.line is not None:
         return "laser.line.scale", f"{laser.line.scale / factor:.9g}"
     if laser.format == "frames" and laser.frames is not None:
         return "laser.frames.scale", f"{laser.frames.scale / factor:.9g}"
-    return "laser.optics", f"{laser.optics * factor:g}"
+    if (optics := laser.optics * factor) in (1, 2, 4):
+        return "laser.optics", f"{optics:g}"
+    return "laser.wavelength_nm", f"{laser.wavelength_nm / factor:.7g}"
 
 
 def _resized(plan: Plan, axis: int, length_mm: float) -> Plan:

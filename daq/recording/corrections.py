@@ -7,6 +7,7 @@ stream of events by the session that recorded them: a pass that a wrong map cut 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,10 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True):
     changes: tuple[str, ...]
     survey_text: str
 
+    def __str__(self) -> str:
+        moment = datetime.fromtimestamp(self.time_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+        return f"{moment}, {self.name}: {'; '.join(self.changes)}"
+
 
 class Change(msgspec.Struct, frozen=True):
     """One line of a survey file that differs: its dotted name, and both values as JSON."""
@@ -85,12 +90,20 @@ class Change(msgspec.Struct, frozen=True):
     @property
     def begins_round(self) -> bool:
         """Tell whether the machine has to be driven anew."""
-        return _within(self.line, NEW_ROUND)
+        return _within(self.line, NEW_ROUND) and not self._renames
 
     @property
     def reads_otherwise(self) -> bool:
         """Tell whether the logs are to be read anew."""
-        return _within(self.line, READING) and not any(part in WAYS for part in self.line.split(".")[1:2])
+        return self._renames or (_within(self.line, READING) and not any(part in WAYS for part in self.line.split(".")[1:2]))
+
+    @property
+    def _renames(self) -> bool:
+        """Tell whether the same setups stand in another order: the logs are of each other's setup."""
+        if self.line != "plan.setups":
+            return False
+        before, after = (sorted(msgspec.json.decode(value, type=list[str])) for value in (self.before, self.after))
+        return before == after
 
 
 def _within(line: str, names: Sequence[str]) -> bool:
@@ -229,6 +242,8 @@ def reread(
         wall_offset_ns=lambda: offset_ns,
     )  # fmt: skip
     session.book.foretell(suspicions)
+    recorded = parse_survey(open_log(logs[0]).header.survey_text, source).plan.all_setups
+    renamed = dict(zip(recorded, survey.plan.all_setups, strict=True)) if sorted(recorded) == sorted(survey.plan.all_setups) else {}
     newest: dict[str, int] = {}
     for at in logs:
         log = open_log(at)
@@ -238,6 +253,7 @@ def reread(
                 continue
             newest[key] = time_of(event)
             begun = log.header.run.get("expected_setup", "")
+            begun = renamed.get(begun, begun)
             if survey.plc.silent and not session.recording and session.book.open_passes(begun):
                 session.begin(begun, time_of(event))
             session.consume(event)

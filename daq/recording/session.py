@@ -135,6 +135,7 @@ class Session:
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
+        self.book.wrong_line = next(map(line_named, filter(line_named, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
@@ -408,6 +409,7 @@ class Session:
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)
             self.findings.append(outcome)
+            self.book.wrong_line = line_named(outcome) or self.book.wrong_line
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)

@@ -73,7 +73,8 @@ def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: 
     from_stop = begun.again_from()
     if now and not begun.open_doubts() and (following := _following(begun)) is not None:
         from_stop = following
-    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=not now)
+    again = not now and not book.wrong_line and not begun.is_driven
+    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=again)
 
 
 def _following(begun: Pass) -> int | None:

@@ -103,6 +103,8 @@ def _print(found: "Standing") -> None:
         typer.echo(shown(line))
     if found.disk:
         typer.echo(shown(found.disk))
+    for line in found.corrections:
+        typer.echo(shown(message("status-corrected", what=line)))
     if found.changed:
         typer.echo(shown(message("survey-file-changed")))
     for line in _next(found):
@@ -196,6 +198,8 @@ def _next(found: "Standing") -> "list[Words]":
     """Return what to do next."""
     from stepdiag.daq.records.survey_folder import RESULT
 
+    if found.wrong_line:
+        return [message("status-correct", line=found.wrong_line)]
     if not found.complete:
         return [message("status-next", what=found.next_setup), *_still(found), *_doubted(found)]
     if found.result is not None:

@@ -21,6 +21,8 @@ from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
+from stepdiag.completion.exchanged import exchanged
+from stepdiag.completion.one_scale import one_scale
 from stepdiag.completion.proof import proof_findings
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
@@ -28,7 +30,7 @@ from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.archive import digest
-from stepdiag.daq.recording.corrections import replay_corrected
+from stepdiag.daq.recording.corrections import corrections_in, replay_corrected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs
@@ -124,15 +126,17 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     without = left_out(active_in(survey, replayed.files)) if angles else None
     if without is not None:
         angles, twice = {}, (without,)
+    assumed = with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured])
     result = solve(
         readings,
         chain=survey.machine.chain,
         method=chosen,
         angles=angles or None,
         straightness=head.straightness,
-        assumed=with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured]),
+        assumed=assumed,
     )
-    solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unmeasured))
+    contradicted = (*one_scale(survey, result), *exchanged(survey, readings, assumed))
+    solved = (*head.findings, *twice, *result.findings, *contradicted, *assumed_findings(survey, len(readings), unmeasured))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
         *proof_findings(survey, replayed.files, readings),
@@ -201,6 +205,7 @@ def _facts(replayed: Replayed) -> Facts:
         ended=ended,
         temperature_note=identity.temperature_note,
         event=identity.event,
+        corrected=" | ".join(map(str, corrections_in(_folder(replayed)))),
         **msgspec.structs.asdict(survey.report),
         wavelength_nm=None if survey.laser.compensated else survey.laser.wavelength_nm,
         at_20_c=survey.machine.apply_expansion,

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, joined, message
+from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.corrections import drives_otherwise, text_of
+from stepdiag.daq.recording.corrections import corrections_in, drives_otherwise, text_of
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
 from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
@@ -61,6 +62,10 @@ class Standing:
     """What the daemon that records here hears and waits for; None where none runs."""
     ahead: AheadStatus
     """What to drive next, by what is solved so far."""
+    wrong_line: str
+    """The line of the survey file that a finding names as wrong; empty where none is."""
+    corrections: tuple[str, ...]
+    """When, by whom and what the survey file was corrected since the logs were recorded."""
     disk: Words
     """The finding of the disk; empty while there is room."""
 
@@ -106,6 +111,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book.foretell(verdicts.suspicions)
     noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
     book.add_all(noted.stops)
+    book.wrong_line = next(map(line_named, filter(line_named, noted.findings)), "")
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
@@ -125,6 +131,8 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         to_drive=drives,
         logs=tuple(logs),
         ahead=AheadStatus() if last is None else ahead_in(last),
+        wrong_line=book.wrong_line,
+        corrections=tuple(map(str, corrections_in(last))) if last is not None else (),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )

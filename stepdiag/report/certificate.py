@@ -23,7 +23,7 @@ from stepdiag.texts.texts import UNITS
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
-    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event",
+    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event", "corrected",
 )  # fmt: skip
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
 DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instrument_serial", "instrument_certificate", "sensors"}

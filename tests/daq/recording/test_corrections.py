@@ -6,7 +6,7 @@ import pytest
 from stepdiag.daq.recording.corrections import changes, corrections_in
 from stepdiag.daq.recording.rounds import latest_round
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.shops import corrected, draw, survey_of, surveyed
+from testkit.exact.shops import CAUSES, corrected, draw, survey_of, surveyed
 
 FREE = {
     "ports": ('port = "/dev/null"', 'port = "/dev/ttyUSB1"'),
@@ -25,7 +25,7 @@ DRIVEN = {
     "targets": ('"linear-z"', '"linear-y"'),
     "return": ("return_pass = false", "return_pass = true"),
 }
-SHOP = draw(11)
+SHOP = draw(list(CAUSES).index("laser sign"))
 TEXT = survey_of(SHOP).replace("return_pass = true", "return_pass = false")
 
 
