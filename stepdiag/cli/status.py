@@ -12,6 +12,8 @@ from stepdiag.cli.completion import AsJson
 from stepdiag.terminal.viewer import empty_table, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.table import Table
 
     from stepdiag.daemon.survey_state import Standing
@@ -94,25 +96,28 @@ def _print(found: "Standing") -> None:
     recorder = message("recorder-records") if found.recording else message("no-recorder")
     typer.echo(shown(message("status-survey", survey=found.survey, machine=found.machine, where=where, recorder=recorder)))
     Console().print(_table(found))
-    for line in _live(found):
+    for line in (*_live(found), *_remarks(found), *_next(found), *_ahead(found)):
         typer.echo(shown(line))
-    for setup in found.setups:
-        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
-            typer.echo(shown(message("labelled", name=setup.name, what=words)))
-    for line in (*_undated(found), *(message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)):
-        typer.echo(shown(line))
-    if found.disk:
-        typer.echo(shown(found.disk))
-    for line in found.corrections:
-        typer.echo(shown(message("status-corrected", what=line)))
-    if found.changed:
-        typer.echo(shown(message("survey-file-changed")))
-    for line in _next(found):
-        typer.echo(shown(line))
-    if found.ahead.words:
-        typer.echo(shown(message("status-ahead", what=found.ahead.words)))
     for line in _concluded(found):
         typer.echo(line)
+
+
+def _remarks(found: "Standing") -> "Iterator[Words]":
+    """Yield what a person has to see to: setups, clock, logs, disk, corrections, and a survey file that has changed."""
+    for setup in found.setups:
+        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
+            yield message("labelled", name=setup.name, what=words)
+    yield from _undated(found)
+    yield from (message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)
+    if found.disk:
+        yield found.disk
+    yield from (message("status-corrected", what=line) for line in found.corrections)
+    if found.changed:
+        yield message("survey-file-changed")
+
+
+def _ahead(found: "Standing") -> "list[Words]":
+    return [message("status-ahead", what=found.ahead.words)] if found.ahead.words else []
 
 
 def _undated(found: "Standing") -> "list[Words]":
