@@ -26,6 +26,7 @@ from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.verdicts import CORRECTED, append_line, lines_of
 from stepdiag.daq.records.events import Chunk, Event
 from stepdiag.daq.replay import Replayed, ReplayedLog, replay
+from stepdiag.daq.survey.amended import without_further
 from stepdiag.daq.survey.bundle import bundle_from_run
 from stepdiag.daq.survey.file import parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
@@ -143,9 +144,15 @@ def text_of(folder: Path, logs: Sequence[Path]) -> str:
 
 
 def compared(recorded: str, text: str) -> list[Change] | None:
-    """Return what a survey file changes of the one that counts; None where the old one cannot be read any more."""
+    """Return what a survey file changes of the one that counts; None where the old one cannot be read any more.
+
+    Further setups are no change: what is recorded stays as it is.
+    """
+    if recorded == text:
+        return []
     try:
-        return changes(parse_survey(recorded, "log"), parse_survey(text, "survey"))
+        before = parse_survey(recorded, "log")
+        return changes(before, without_further(parse_survey(text, "survey"), before))
     except StepdiagError:
         return None
 
@@ -193,8 +200,8 @@ def replay_corrected(
     text = read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
     headers = [open_log(log).header for log in logs]
     alike = all(header.survey_text == headers[0].survey_text for header in headers)
-    foreign = [compared(header.survey_text, text) for header in headers if header.survey_text != text]
-    if (alike and not foreign) or any(each is None or any(change.begins_round for change in each) for each in foreign):
+    foreign = [compared(header.survey_text, text) for header in headers]
+    if not any(foreign) or any(each is None or any(change.begins_round for change in each) for each in foreign):
         return replay(logs, survey_file, suspicions)  # which refuses logs of two surveys
     if alike and not must_reread(logs, text):
         return replace(replay(logs, survey_file, suspicions), survey=parse_survey(text, "survey.toml"), survey_text=text)

@@ -438,6 +438,15 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
     profile: Text
 
 
+class Proof(msgspec.Struct, frozen=True, kw_only=True):
+    """What a proof run is held against; the files that were loaded stand in `Machine.active`. Without ``profile`` the export had none."""
+
+    controller: FileName
+    result: Text
+    readings: Text
+    profile: str = ""
+
+
 class Page(msgspec.Struct, frozen=True, kw_only=True):
     enabled: bool = True
     host: Text = "127.0.0.1"
@@ -489,6 +498,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: Uncertainty = Uncertainty()
     tolerance: Tolerance = Tolerance()
     exports: tuple[Export, ...] = msgspec.field(name="export", default=())
+    proof: Proof | None = None
     report: Certificate = Certificate()
     page: Page = Page()
     metrics: Metrics = Metrics()

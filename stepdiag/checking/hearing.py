@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import msgspec
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import Words
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
@@ -57,7 +58,7 @@ class Heard:
     format: str
     baud: int
     data: bytes
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +122,12 @@ async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard)
     while loop.time() < end and not found and not session.done():
         await asyncio.wait({session}, timeout=_LOOK_S)
         found = recognise(b"".join(chunks))
-    trouble = ""
+    trouble: Words = ""
     session.cancel()
     try:
         await session
     except DeviceError as error:
-        trouble = str(error)
+        trouble = error.message
     except asyncio.CancelledError:
         pass
     return Heard(found, baud, b"".join(chunks) or before.data, "" if found else trouble)

@@ -12,16 +12,11 @@ def register(app: typer.Typer) -> None:
 
 
 def correct(
-    survey: Annotated[Path, typer.Argument(help="The survey file as it is right.")],
-    name: Annotated[str, typer.Option(help="Who corrects it; default the user of this computer.")] = "",
-    yes: Annotated[bool, typer.Option("--yes", help="Do it without asking.")] = False,
+    survey: Path,
+    name: str = "",
+    yes: Annotated[bool, typer.Option("--yes")] = False,
 ) -> None:
-    """Read existing logs by a corrected survey file.
-
-    It shows what changes, then does it. Map, signs, scales, setup codes, latencies and axis order are applied to what is recorded; no
-    pass is driven again. The logs stay as they are; who corrected what, and when, stands beside them. Only another volume, target list
-    or program needs a new round.
-    """
+    """Read existing logs by a corrected survey file."""
     import getpass
     import time
 

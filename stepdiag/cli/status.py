@@ -3,17 +3,17 @@
 import json
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from stepdiag.base.messages import message
-from stepdiag.terminal.viewer import shown
+from stepdiag.base.messages import Message, Words, message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import empty_table, shown
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stepdiag.base.messages import Words
     from stepdiag.daemon.survey_state import Standing
 
 
@@ -33,13 +33,10 @@ def register(app: typer.Typer) -> None:
 
 
 def status(
-    path: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    path: Path,
+    as_json: AsJson = False,
 ) -> None:
-    """Say what of a survey is kept and what to drive again.
-
-    And why. Nothing is changed.
-    """
+    """Say what of a survey is kept and what to drive again."""
     from stepdiag.daemon.survey_state import standing_of
 
     found = standing_of(path)
@@ -71,9 +68,10 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "findings": [msgspec.to_builtins(each) for each in found.findings],
         "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [_plain(setup) for setup in found.setups],
+        "ahead": {"setup": found.ahead.setup, "further": found.ahead.further, "text": str(found.ahead.words)},
         "live": _plain(found.live),
         "disk": str(found.disk),
-        "logs": [asdict(log) for log in found.logs],
+        "logs": [asdict(log) | {"trouble": str(log.trouble)} for log in found.logs],
         "conclusion": None if found.result is None else conclusion_in(found.result.parent),
     }
 
@@ -81,8 +79,6 @@ def _as_json(found: "Standing") -> dict[str, Any]:
 def _plain(value: object) -> Any:
     """Return a struct for JSON: a message that stands where a text does is its English."""
     import msgspec
-
-    from stepdiag.base.messages import Message
 
     if isinstance(value, Message):
         return str(value)
@@ -103,16 +99,17 @@ def _print(found: "Standing") -> None:
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             typer.echo(shown(message("labelled", name=setup.name, what=words)))
-    for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
+    noted = [message("status-corrected", what=line) for line in found.corrections]
+    for line in (*noted, *_undated(found), *(message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)):
         typer.echo(shown(line))
     if found.disk:
         typer.echo(shown(found.disk))
-    for line in found.corrections:
-        typer.echo(shown(message("status-corrected", what=line)))
     if found.changed:
         typer.echo(shown(message("survey-file-changed")))
     for line in _next(found):
         typer.echo(shown(line))
+    if found.ahead.words:
+        typer.echo(shown(message("status-ahead", what=found.ahead.words)))
     for line in _concluded(found):
         typer.echo(line)
 
@@ -140,11 +137,8 @@ def concluded_in(folder: Path) -> list[str]:
 
 
 def _table(found: "Standing") -> "Table":
-    from rich.table import Table
 
-    table = Table()
-    for column in (message("column-setup"), message("column-passes"), message("column-stops"), message("column-state")):
-        table.add_column(shown(column), justify="right" if column.key in {"column-passes", "column-stops"} else "left")
+    table = empty_table(message("table-status"))
     for setup in found.setups:
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)

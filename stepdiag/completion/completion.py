@@ -16,13 +16,14 @@ import msgspec
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
-from stepdiag.base.files import as_text, holds, write_atomically, write_once
+from stepdiag.base.files import as_text, holds, write_atomically, write_hashed, write_once
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.completion.exchanged import exchanged
 from stepdiag.completion.one_scale import one_scale
+from stepdiag.completion.proof import proof_findings
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.survey_time import clock_findings, span_s
@@ -83,7 +84,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
-    write_once(out / RESULT, text)
+    write_hashed(out / RESULT, text)
     return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
 
 
@@ -138,6 +139,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     solved = (*head.findings, *twice, *result.findings, *contradicted, *assumed_findings(survey, len(readings), unmeasured))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
+        *proof_findings(survey, replayed.files, readings),
         *compensation_findings(survey),
         *unchecked(survey, {*(one.name for one in unmeasured), *(environment or {})}),
         *clock_findings(replayed.book),

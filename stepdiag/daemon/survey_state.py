@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
@@ -14,13 +14,15 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.corrections import corrections_in, drives_otherwise, text_of
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
-from stepdiag.daq.records.status import DriveStatus, FindingStatus, SetupStatus
+from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.daq.service.ahead import ahead_in
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.remaining import to_drive
 from stepdiag.daq.service.snapshot import setup_statuses
+from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.terminal.progress import counted
@@ -32,7 +34,7 @@ class LogStanding:
 
     name: str
     stops: int
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +64,8 @@ class Standing:
     """The line of the survey file that a finding names as wrong; empty where none is."""
     corrections: tuple[str, ...]
     """When, by whom and what the survey file was corrected since the logs were recorded."""
+    ahead: AheadStatus
+    """What to drive next, by what is solved so far."""
     disk: Words
     """The finding of the disk; empty while there is room."""
 
@@ -84,8 +88,8 @@ def standing_of(path: Path) -> Standing:
     rounds = round_folders(path)
     last = rounds[-1] if rounds else path
     if not logs_in(last):
-        remedy = "name a survey file, or the folder that `stepdiag run` made for it"
-        raise UsageError(str(path), expected="a folder with logs (*.mcap)", found="none", remedy=remedy)
+        remedy = message("name-survey")
+        raise UsageError(str(path), expected=message("folder-with", what=message("logs-mcap")), found=message("none"), remedy=remedy)
     return _standing(path if rounds else path.parent, last, None, "")
 
 
@@ -94,11 +98,13 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     paths = logs_in(last) if last is not None else []
     recorded, readable, logs = _read(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
-    changed = bool(text and recorded and recorded != text)
-    known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
+    changed = bool(text and recorded and not extends(text, recorded))
+    known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
     if known is None:
         raise DataError(
-            str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
+            str(last),
+            expected=message("one-readable-log"),
+            found=joined([message("labelled", name=log.name, what=log.trouble) for log in logs]),
         )
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()
@@ -126,6 +132,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         logs=tuple(logs),
         wrong_line=book.wrong_line,
         corrections=tuple(map(str, corrections_in(last))) if last is not None else (),
+        ahead=AheadStatus() if last is None else ahead_in(last),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )
@@ -134,20 +141,20 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
     """Return the survey file of the first readable log, the logs that can be read in order, and how each log stands."""
     text, readable, logs = "", list[Path](), list[LogStanding]()
-    for path in counted(paths, "reading the logs", len(paths)):
+    for path in counted(paths, message("reading-logs"), len(paths)):
         try:
-            header = open_log(path).header
-            if text and header.survey_text != text and drives_otherwise(text, header.survey_text):
+            own = open_log(path).header.survey_text
+            if text and not extends(text, own) and drives_otherwise(text, own):
                 raise DataError(
-                    str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here"
+                    str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
             found = noted_in(path)
         except DataError as error:
-            trouble = f"{error.found}: {error.remedy}" if error.remedy else str(error.found)
+            trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
-        text = text or header.survey_text
+        text = own if not text or extends(own, text) else text
         readable.append(path)
-        cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
+        cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
     return text, readable, logs

@@ -63,7 +63,7 @@ class Tty:
         """Return what there is. A line that was ready and gives nothing is none any more."""
         data = os.read(self._line, LARGEST_READ)
         if ready and not data:
-            raise OSError("it hung up")
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
         return data
 
     def write(self, data: bytes) -> None:
@@ -72,7 +72,7 @@ class Tty:
             self._serial.write(data)
             self._serial.flush()
         except termios.error as error:
-            raise OSError(str(error)) from error
+            raise OSError(*error.args) from error
 
     def lost(self) -> dict[LossKind, int]:
         """Return how often the driver counted each kind of loss since the port was opened; nothing where it does not count (a pty)."""

@@ -194,7 +194,7 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
     other = replace(HEADER, survey_text=TEXT.replace("bench", "another"))
     write_log(survey.parent / "bench" / "0001" / "0002.mcap", [*EVENTS, *map(stop_note, stops_of("npp"))], flush_every=1, header=other)
     assert told(survey)["next_setup"] == "npp"
-    assert "0002.mcap: a log of another survey: it does not count here" in stepdiag("status", survey).out
+    assert "0002.mcap: another one: it does not count here" in stepdiag("status", survey).out
 
 
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
