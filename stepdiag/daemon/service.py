@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 if TYPE_CHECKING:
     import asyncio
@@ -106,8 +107,8 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
     try:
         account = pwd.getpwnam(PAGE_ACCOUNT).pw_uid
     except KeyError:
-        remedy = "systemd-sysusers makes it, by the file that `stepdiag service install` writes"
-        raise UsageError("the page's account", expected=f"an account {PAGE_ACCOUNT}", found="none", remedy=remedy) from None
+        remedy = message("run-command", command="systemd-sysusers")
+        raise UsageError(PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy) from None
     return page_served(path, account, daemon.status_source, daemon.status_source.figures)
 
 

@@ -24,6 +24,7 @@ from anyio.to_thread import current_default_thread_limiter
 from starlette.applications import Starlette
 
 from stepdiag.base.errors import DeviceError, system_words
+from stepdiag.base.messages import message
 from stepdiag.daq.service.priority import lower_priority
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.app import Page, create_app
@@ -95,7 +96,7 @@ def _called(path: Path) -> socket.socket:
         except OSError as error:
             line.close()
             if time.monotonic() > end:
-                raise DeviceError(str(path), expected="a daemon that records", found=system_words(error)) from error
+                raise DeviceError(str(path), expected=message("recorder-to-call"), found=system_words(error)) from error
             time.sleep(AGAIN_S)
         else:
             return line

@@ -214,7 +214,7 @@ def test_check_reads_a_store_whole(folder: Path) -> None:
     (_survey(folder) / "readings.csv").write_text("", encoding="utf-8")
     (_survey(folder, "Mill 8") / "result.json").unlink()
     told = stepdiag("archive", "check", folder / "store")
-    assert (told.code, "2 that are not" in told.refusal) == (3, True)
+    assert (told.code, "2 damaged" in told.refusal) == (3, True)
 
 
 def test_survey_solved_anew_is_under_hashes_of_its_own(folder: Path) -> None:
