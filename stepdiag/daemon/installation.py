@@ -179,7 +179,7 @@ def _addresses(survey: Survey) -> Iterator[str]:
     for each in served:
         (host,) = address_of("127.0.0.1" if each.host == "localhost" else each.host) or [""]
         if not host:
-            raise UsageError("page.host, metrics.host", expected=message("address-systemd-listens"), found=repr(each.host))
+            raise UsageError("page.host, metrics.host", expected=message("own-address"), found=repr(each.host))
         yield f"ListenStream={f'[{host}]' if ':' in host else host}:{each.port}"
     if not all(is_loopback(each.host) for each in served):
         yield from (f"IPAddressAllow={each}" for each in PRIVATE_NETWORKS)

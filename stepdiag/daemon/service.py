@@ -107,7 +107,7 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
     try:
         account = pwd.getpwnam(PAGE_ACCOUNT).pw_uid
     except KeyError:
-        remedy = message("sysusers-makes-account")
+        remedy = message("run-command", command="systemd-sysusers")
         raise UsageError(PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy) from None
     return page_served(path, account, daemon.status_source, daemon.status_source.figures)
 

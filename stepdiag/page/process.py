@@ -96,7 +96,7 @@ def _called(path: Path) -> socket.socket:
         except OSError as error:
             line.close()
             if time.monotonic() > end:
-                raise DeviceError(str(path), expected=message("daemon-records"), found=system_words(error)) from error
+                raise DeviceError(str(path), expected=message("recorder-to-call"), found=system_words(error)) from error
             time.sleep(AGAIN_S)
         else:
             return line
