@@ -181,7 +181,7 @@ def test_a_daemon_that_records_is_seen_and_not_disturbed(survey):
 
 def test_a_survey_file_changed_since_is_named(survey):
     record(survey, 1, stops_of("ppp"))
-    survey.write_text(TEXT + "# a word\n", encoding="utf-8")
+    survey.write_text(TEXT.replace("[plc]", "[plc]\nlatency_s = 0.1", 1), encoding="utf-8")
     assert "stepdiag correct" in stepdiag("status", survey).out
     survey.write_text(TEXT, encoding="utf-8")
     assert "new round" not in stepdiag("status", survey).out
