@@ -187,7 +187,7 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
     opened = (
         (ONE_SCALE, message("open-scale"), of_scales * found.spread[scales]),
         (ONE_WALK, message("open-walk"), found.walk_um),
-        (BESIDE, message("open-products"), products_um(layout) * found.spread[products]),
+        (BESIDE, message("open-products"), products_um(layout)[:, found.named[products]] * found.spread[products]),
     )
     return [Effect(name=name, text=text, pattern_um=pattern) for name, text, pattern in opened if np.any(pattern)]
 
