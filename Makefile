@@ -14,7 +14,7 @@ RELEASE ?= release
 MINUTES ?= 10
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore mutants soak faults references bench honesty custody format rooms release deb docs clean
+.PHONY: help demo test matrix explore mutants soak faults references bench honesty custody partners format rooms release deb docs clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -34,8 +34,17 @@ matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
 # the property tests with examples that nobody has seen, twenty times the changed files of somebody else, every file door of the command line
 # with files that are right but for one field, and then these doors by turns for so many minutes: `make explore MINUTES=60`
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
-	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
+	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control and not partner" tests
 	$(TEST_VENV)/bin/python tests/fuzz/by_turns.py $(MINUTES)
+
+# libmodbus, Node, snap7's C server, Prometheus, DuckDB, polars, pandas: beside `make test`, for it has eleven of its twelve minutes
+partners: $(VENV)/.ready ## every wire and file against an implementation that nobody here wrote
+	tools/debian gcc libmodbus-dev mbpoll nodejs npm pkg-config prometheus
+	npm ci --prefix tests/partners/js --no-fund --no-audit --silent
+	UV_PROJECT_ENVIRONMENT=.setup/partners $(UV) sync --frozen --quiet --all-extras --group partners --python $(PYTHON)
+	test -e .setup/snap7 || $(UV) venv --quiet --python $(PYTHON) .setup/snap7
+	$(UV) pip install --quiet --python .setup/snap7/bin/python --require-hashes -r tools/partners.txt
+	.setup/partners/bin/pytest -q -p no:xdist -m partner tests/partners
 
 # every change: a night; a sample: `make mutants COUNT=400 SEED=10`, see docs/testing.md
 mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a test must notice

@@ -19,10 +19,11 @@ from benchmarks.fleet import generate
 from benchmarks.stand import peak_mb
 from benchmarks.table import Row
 from stepdiag.base.result.result import DISPLACEMENTS
+from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import open_surveys, resolve
-from stepdiag.fleet.store import Place, Store
+from stepdiag.fleet.store import Place, Store, manifest_of, sha256
 from stepdiag.fleet.tables import read_table, to_parquet
 from stepdiag.fleet.trend import trends_of
 
@@ -51,7 +52,11 @@ def _written(store: Store, place: Place, table: pa.Table) -> None:
     name = pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([place.machine]))
     path = Path(store.path(place.table))
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(to_parquet(table.set_column(column, table.schema.field(column), name)))
+    data = to_parquet(table.set_column(column, table.schema.field(column), name))
+    path.write_bytes(data)
+    listed = Path(store.path(place.listed))
+    listed.parent.mkdir(exist_ok=True)
+    listed.write_bytes(manifest_of(place, {RESULT: "0" * 64}, sha256(data)))
 
 
 def _query(store: Store) -> Row:
@@ -114,7 +119,7 @@ def _resolved(folder: str, workers: int) -> tuple[float, float]:
 def main() -> None:
     """Solve all surveys of a store anew and print the seconds between the first and the last that is done, and the peak memory."""
     store, workers = Store(sys.argv[1]), int(sys.argv[2])
-    done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers=workers)]
+    done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers)]
     sys.stdout.write(f"{(done[-1] - done[workers - 1]) * len(done) / (len(done) - workers)} {peak_mb()}\n")
 
 

@@ -39,7 +39,9 @@ def folder_of_readings(folder: Path) -> tuple[list[Path], Holds]:
     (folder / "laboratory.toml").write_text(LABORATORY, encoding="utf-8")
     _done("solve", folder / "readings.csv", "--out", folder / "result.json")
     _done("export", folder / "result.json", "--controller", "linuxcnc", "--step-mm", "50", "--out", folder / "exports")
-    _certify(folder / "result.json", folder / "exports", "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml")
+    settings = ("--laboratory", folder / "laboratory.toml")
+    _done("report", folder / "result.json", folder / "exports", *settings, "--out", folder / "report.html")
+    _certify(folder / "result.json", folder / "exports", *settings, "--report", folder / "report.html", "--out", folder / "c.xml")
     return _files(folder), lambda: verify_certificate(folder / "c.xml", folder).broken is None
 
 

@@ -109,11 +109,16 @@ class ExactModel:
         return self.machine(unknowns[:count])
 
 
-def left_um(points_mm: Array, error_um: Array) -> float:
-    """Return the root mean square length of errors (N, 3) less the shift and rotation that fit them best."""
+def unmoved_um(points_mm: Array, error_um: Array) -> Array:
+    """Return errors (N, 3) less the shift and rotation that fit them best."""
     lever = points_mm - points_mm.mean(axis=0)
     turns = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=-1)
     motions = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
     flat = error_um.reshape(-1)
-    rest = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
-    return float(np.sqrt(np.sum(rest**2) / len(points_mm)))
+    rest: Array = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
+    return rest.reshape(-1, 3)
+
+
+def left_um(points_mm: Array, error_um: Array) -> float:
+    """Return the root mean square length of errors (N, 3) less the shift and rotation that fit them best."""
+    return float(np.sqrt(np.sum(unmoved_um(points_mm, error_um) ** 2) / len(points_mm)))

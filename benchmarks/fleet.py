@@ -19,7 +19,8 @@ import numpy as np
 from benchmarks.honesty import Case, drive
 from stepdiag.base.conditions.expansion import expansion_um
 from stepdiag.base.readings.readings import Readings
-from stepdiag.fleet.archive import refresh_index
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.fleet.archive import put_table, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.rows import About, rows_of
 from stepdiag.fleet.store import Place, Store
@@ -119,9 +120,9 @@ def make_machine(address: str, surveys: int, number: int) -> int:
     made = 0
     for survey in range(surveys):
         about, readings = surveyed(life, survey)
-        table = Place(about.machine, str(about.time.year), about.survey).table
-        if not store.exists(table):
-            store.write(table, to_parquet(table_of(about, list(rows_of(solve(readings))))))
+        place = Place(about.machine, str(about.time.year), about.survey)
+        if not store.exists(place.table):
+            put_table(store, place, {RESULT: "0" * 64}, to_parquet(table_of(about, list(rows_of(solve(readings))))))
             made += 1
     return made
 

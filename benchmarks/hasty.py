@@ -1,7 +1,8 @@
-"""Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty [ROUNDS]``
+"""Sequences of a hasty engineer, with seeds: ``PYTHONPATH=tests/lib python -m benchmarks.hasty [ROUNDS] [proof]``
 
-Counts the sequences (`testkit.exact.hasty`) that end with exit code 0 and a machine that is worse, what stops the others, and the
-right ones that are refused. A right sequence states what was on, and loads its own files as a whole.
+Each ends with reading back what the control holds, or with a proof run. Counts the sequences (`testkit.exact.hasty`) that end with exit
+code 0 and a machine that is worse, what stops the others, and the right ones that are refused. A right sequence states what was on, and
+loads its own files as a whole.
 """
 
 import sys
@@ -13,7 +14,7 @@ ROUNDS, FIRST_SEED = 8, 5000
 WORSE, ROUNDING_UM = 1.02, 0.3
 
 
-def print_sequences(rounds: int) -> None:
+def print_sequences(rounds: int, *, proof: bool = False) -> None:
     """Print the counts of so many rounds over all sequences, each on a machine of its own."""
     from testkit.exact.hasty import Story, lived, stories
 
@@ -24,8 +25,8 @@ def print_sequences(rounds: int) -> None:
     quiet, refused, of = [], 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for number, story in enumerate(each for _ in range(rounds) for each in stories()):
-            why, before_um, after_um = lived(story, FIRST_SEED + number, Path(folder) / f"{number}")
-            ends[why.partition(":")[0] or "loaded"] += 1
+            why, before_um, after_um = lived(story, FIRST_SEED + number, Path(folder) / f"{number}", proof=proof)
+            ends[why if why.startswith("proof") else why.partition(":")[0] or "loaded"] += 1
             if not why and after_um > WORSE * before_um + ROUNDING_UM:
                 quiet.append(f"{story}, seed {FIRST_SEED + number}: {before_um:.2f} -> {after_um:.2f} um")
             of += right(story)
@@ -36,4 +37,4 @@ def print_sequences(rounds: int) -> None:
 
 
 if __name__ == "__main__":
-    print_sequences(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS)
+    print_sequences(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS, proof="proof" in sys.argv[2:])

@@ -1,8 +1,7 @@
 """``python -m benchmarks.heads``: 4-DOF heads with every imperfection drawn, commissioned by the machine, then driven out and back.
 
 Exact rays (`stepdiag.virtual.instruments.head`) that share no code with the product. For every class of head: the share of true values of
-both straightness and both angular functions within 2 u, how far off the worst is in u, and the rms error; as `fourdof commission` has it,
-and beside it as a head has it whose file is its data sheet with the signs and the lever of `fourdof signs`.
+both straightness and both angular functions within 2 u, how far off the worst is in u, and the rms error.
 """
 
 import argparse
@@ -17,11 +16,9 @@ from stepdiag.base.errors import StepdiagError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, HeadFile, HeadIdentity, LeverTable, render_head_file
+from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity, render_head_file
 from stepdiag.daq.survey.models import Survey
 from stepdiag.fourdof.commission import Standing, commission
-from stepdiag.fourdof.commissioning import signs_of
-from stepdiag.fourdof.record import HeadRecord
 from stepdiag.fourdof.runs import evaluate_head, over_passes
 from stepdiag.virtual.instruments.head import Counts, Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from stepdiag.virtual.instruments.ordinary_head import Imperfections, ordinary_head
@@ -169,14 +166,6 @@ class Rig:
         place = np.array([*(1e-3 * jog_um), way * self.case.travel_mm])
         return Standing(position_mm=place, time_s=time_s, channels=counts.astype(np.float64))
 
-    def wobbles(self) -> list[tuple[float, HeadRecord]]:
-        """Return the wobbles alone, as `fourdof signs` takes them."""
-        return [
-            (self.case.near_mm + float(one.position_mm[2]), HeadRecord(time_s=one.time_s, channels=one.channels))
-            for one in self.commissioning()
-            if len(one.time_s) > 1000
-        ]
-
     def book(self, survey: Survey) -> PassBook:
         """Return the passes of the run."""
         head, book, now = self.head(), PassBook(survey), 2000.0
@@ -202,39 +191,9 @@ class Rig:
         )  # fmt: skip
 
 
-def data_sheet() -> HeadFile:
-    """Return the file of the ideal head."""
-    quadrant = AxisTable(kind="erf", coefficients_um=(0.0, 2000.0 / math.sqrt(2.0)), low=-0.95, high=0.95, u_um=0.5)
-    lateral = AxisTable(coefficients_um=(0.0, 2000.0), low=-0.95, high=0.95, u_um=0.1)
-    psd = DetectorTable(x=lateral, y=lateral, sum_min=2e5, sum_max=4e6)
-    return HeadFile(
-        head=HeadIdentity(id="4D-43", format="fourdof", date="2026-03-31"),
-        lever=LeverTable(),
-        qd=DetectorTable(x=quadrant, y=quadrant, sum_min=2e5, sum_max=4e6),
-        psd1=psd,
-        psd2=psd,
-    )
-
-
 def new_file() -> HeadFile:
     """Return the file that `fourdof new` writes."""
     return HeadFile(head=HeadIdentity(id="4D-43", format="fourdof", date="2026-03-31", version=2))
-
-
-def before(rig: Rig) -> HeadFile:
-    """Return the data sheet with what the wobbles say; the quadrant detector's sign is right already."""
-    sheet, optics = data_sheet(), rig.optics()
-    for axis, sign in zip(("x", "y"), optics.qd.sign, strict=True):
-        sheet = sheet.with_axis("qd", axis, replace_sign(sheet.qd.x, sign))  # type: ignore[arg-type]
-    return signs_of(rig.wobbles(), sheet).file
-
-
-def replace_sign(table: AxisTable | None, sign: float) -> AxisTable:
-    """Return the curve with another sign."""
-    given = table or AxisTable()
-    return AxisTable(
-        sign=1 if sign > 0 else -1, kind=given.kind, coefficients_um=given.coefficients_um, low=given.low, high=given.high, u_um=given.u_um
-    )
 
 
 def after(rig: Rig) -> HeadFile:
@@ -278,39 +237,38 @@ def seen(rig: Rig, file: HeadFile) -> Seen:
     return Seen(error=np.concatenate(errors), u=np.concatenate(u), straight=np.concatenate(kind))
 
 
-def tried(case: Case, seeds: Sequence[int], by: str) -> Iterator[Seen | None]:
+def tried(case: Case, seeds: Sequence[int]) -> Iterator[Seen | None]:
     """Yield what each head of a class says, None where it is refused."""
     for seed in seeds:
         rig = Rig(case=case, seed=seed)
         try:
-            yield seen(rig, after(rig) if by == "commission" else before(rig))
+            yield seen(rig, after(rig))
         except StepdiagError:
             yield None
 
 
-def line(case: Case, seeds: Sequence[int], by: str) -> str:
+def line(case: Case, seeds: Sequence[int]) -> str:
     """Return a row of the table."""
-    runs = [one for one in tried(case, seeds, by) if one is not None]
+    runs = [one for one in tried(case, seeds) if one is not None]
     refused = len(seeds) - len(runs)
     if not runs:
-        return f"| {case.name} | {by} | - | - | - | - | - | {refused} |"
+        return f"| {case.name} | - | - | - | - | - | {refused} |"
     parts = []
     for straight in (True, False):
         within = [float(np.mean((np.abs(one.error) <= 2.0 * one.u)[one.straight == straight])) for one in runs]
         rms = math.sqrt(float(np.mean(np.concatenate([one.error[one.straight == straight] for one in runs]) ** 2)))
         parts += [f"{100 * float(np.mean(within)):.0f}", f"{rms:.2f}"]
     worst = max(float(np.max(np.abs(one.error) / one.u)) for one in runs)
-    return f"| {case.name} | {by} | {' | '.join(parts)} | {worst:.1f} | {refused} |"
+    return f"| {case.name} | {' | '.join(parts)} | {worst:.1f} | {refused} |"
 
 
 def print_table(seeds: Sequence[int], part: str = "") -> None:
     """Print the table."""
-    print("| heads | file | straightness within 2 u, % | rms, um | angles within 2 u, % | rms, urad | worst in u | refused |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| heads | straightness within 2 u, % | rms, um | angles within 2 u, % | rms, urad | worst in u | refused |")
+    print("|---|---|---|---|---|---|---|")
     for case in CASES:
         if part in case.name:
-            for by in ("signs", "commission"):
-                print(line(case, seeds, by), flush=True)
+            print(line(case, seeds), flush=True)
 
 
 def main() -> None:

@@ -8,8 +8,9 @@ together instead: a class by itself cannot tell an interval that is too wide fro
 
 ``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
 (`benchmarks.false_alarms`); without options this table follows the other one, and what `trend` and `compare` report of machines over years
-(`benchmarks.fates`) follows both, and the 4-DOF heads (`benchmarks.heads`) come last. ``--explained N`` prints what
-becomes of surveys with one thing wrong, and of machines beside the model (`benchmarks.explained`).
+(`benchmarks.fates`) follows both, and the 4-DOF heads (`benchmarks.heads`) and the proof runs (`benchmarks.proofs`) come last.
+``--explained N``
+prints what becomes of surveys with one thing wrong, and of machines beside the model (`benchmarks.explained`).
 """
 
 import argparse
@@ -245,10 +246,11 @@ def main() -> None:
         alarms = false_alarms.FIRST_SEED if options.first is None else options.first
         false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms, large=options.large)
     if options.false_alarms is None and not (options.mixed or options.case):
-        from benchmarks import fates, heads
+        from benchmarks import fates, heads, proofs
 
         fates.print_table(fates.rows(fates.MACHINES))
         heads.print_table(heads.SEEDS)
+        proofs.print_rates(proofs.MACHINES)
 
 
 def print_classes(seeds: Sequence[int], part: str) -> None:

@@ -16,6 +16,7 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.survey_folder import logs_in
+from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.bundle import bundle_from_run
 from stepdiag.daq.survey.file import parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
@@ -42,6 +43,11 @@ class Replayed:
     logs: tuple[ReplayedLog, ...]
     findings: tuple[Finding, ...]
 
+    @property
+    def stops(self) -> list[CapturedStop]:
+        """Return every stop of the logs in the order of its capture."""
+        return [each for log in self.logs for each in log.outcomes if isinstance(each, CapturedStop)]
+
 
 def begun_logs(folder: Path) -> list[Path]:
     """Return the logs of a folder, without those that were cut off before anything stood in them: a kill or a full disk at their start."""
@@ -67,7 +73,7 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     if not logs:
         named = ", ".join(str(path) for path in paths)
         remedy = message("one-survey")
-        raise DataError(named, expected=message("one-log"), found="none", remedy=remedy)
+        raise DataError(named, expected=message("one-log"), found=message("none"), remedy=remedy)
     return logs
 
 
@@ -81,7 +87,9 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text
     for log in opened:
-        if log.header.survey_text != text:
+        if extends(log.header.survey_text, text):
+            text = log.header.survey_text
+        elif not extends(text, log.header.survey_text):
             raise DataError(
                 str(log.path), expected=message("file-of", name=opened[0].path.name), found=message("another-one"), remedy=message("alone")
             )
@@ -99,7 +107,7 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
                 outcomes.extend(capture.feed(event))
         outcomes.extend(capture.finish())
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
-        outcomes.extend(book.news())
+        outcomes.extend(raised for remark in book.news() for raised in capture.heed(remark))
         replayed.append(ReplayedLog(log.path, tuple(outcomes), log.end))
     findings = tuple(each for one in replayed for each in one.outcomes if isinstance(each, Finding))
     return Replayed(

@@ -42,6 +42,7 @@ TOGETHER = {
     "the sources are read once": ("tests/stepdiag/texts/test_findings.py",),
     "usual surveys are solved once (testkit.exact.surveys.solved)": (
         "tests/solver/methods/test_estimate.py::test_four_diagonals_and_three_linear_runs",
+        "tests/stepdiag/api/test_tables.py",
         "tests/solver/methods/test_estimate.py::test_angular_errors_known_to_one_microradian",
         "tests/solver/methods/test_estimate.py::test_stated_uncertainties_of_the_usual_survey",
         "tests/solver/adjustment/test_robustness.py::test_good_surveys_are_left_alone",

@@ -61,9 +61,9 @@ class ByLaser:
 
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
-        self._setup = next(iter(start.hints))
-        out, back = start.hints[self._setup].numbers
-        self._routes = {True: route_of(survey.planned, self._setup, out), False: route_of(survey.planned, self._setup, back)}
+        self.setup = next(iter(start.hints))
+        out, back = start.hints[self.setup].numbers
+        self._routes = {True: route_of(survey.planned, self.setup, out), False: route_of(survey.planned, self.setup, back)}
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
         self._long_ns = LONG * survey.plan.dwell_s * 1e9
@@ -78,7 +78,9 @@ class ByLaser:
         self._reported: set[str] = set()
         self._lost_ns: int | None = None
         self._over_with = False
-        hint = start.hints[self._setup]
+        self.seen: list[tuple[float, float]] = []
+        """Every standstill so far, placed or not: when it ended (ns), and its level in mm."""
+        hint = start.hints[self.setup]
         self._outward, self._fresh = hint.outward, not hint.known
         if hint.next_stop == 0 and not any(each.watched for each in start.breaks):
             self._turn(hint.known)
@@ -93,10 +95,11 @@ class ByLaser:
         if self._lost_ns is not None:
             if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
                 self._over_with = True
-                outcomes.append(Ended("aborted", message("count-lost-unplaced", setup=self._setup)))
+                outcomes.append(Ended("aborted", message("count-lost-unplaced", setup=self.setup)))
             return dwells, outcomes
         lost = self._lost()
         for over in self._over(lost=lost):
+            self.seen.append((over.to_ns, over.level_mm))
             dwells += [self._dwell(stop, stand) for stop, stand in self._name(over, outcomes)]
         if lost and self._place is not None and 0 <= self._place.stop < len(self._place.route) - 1:
             self._lost_ns = now_ns
@@ -167,7 +170,7 @@ class ByLaser:
         if way is None:
             return []
         if self._fresh and way is not self._outward:
-            self._say("error", message("wrong-laser-sign.first", setup=self._setup, moved_mm=moved, wanted_mm=-moved), outcomes)
+            self._say("error", message("wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved), outcomes)
             return []
         self._place = _Place(self._routes[way], 1, {0: first.level_mm, 1: stand.level_mm})
         return [(0, first), (1, stand)]
@@ -178,17 +181,17 @@ class ByLaser:
         if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
             return
         if place.stop == -1:
-            self._say("error", message("place-unknown.one-more", setup=self._setup), outcomes)
+            self._say("error", message("place-unknown.one-more", setup=self.setup), outcomes)
             return
         expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
         moved = stand.level_mm - place.levels[place.stop]
-        self._say("warning", message("between-stops.apart", setup=self._setup, moved_mm=moved, wanted_mm=expected), outcomes)
+        self._say("warning", message("between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected), outcomes)
 
     def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         """Take a finding once a log."""
         if words.code not in self._reported:
             self._reported.add(words.code)
-            outcomes.append(finding(severity, words, Place(setup=self._setup)))
+            outcomes.append(finding(severity, words, Place(setup=self.setup)))
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
         """Return a standstill as a machine with signals would show it, at the planned position."""

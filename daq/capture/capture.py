@@ -11,6 +11,7 @@ from typing import Literal
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
+from stepdiag.daq.capture.cause import CauseFinder, Stand, moves_between
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -65,6 +66,9 @@ class Capture:
         self._taker = StopTaker(survey, self.laser, self.head, start, self._outages)
         self._pending = Standstills()
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
+        self._cause = CauseFinder(survey, start.hints, named=start.named)
+        self._dwell_before: Dwell | None = None
+        self._late_ns = int(survey.plc.latency_s * 1e9)
         self._skip_open = start.skip_open_dwell
         self._last_count = start.last_count
         self._taken_from_ns = -1
@@ -99,6 +103,26 @@ class Capture:
 
     def feed(self, event: Event) -> list[Outcome]:
         """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
+        return self._as_raised(self._followed(event))
+
+    def _losses(self, until_ns: float) -> int:
+        """Return how often the laser's count was lost until a time."""
+        return sum(each.watched and each.time_ns <= until_ns for each in self.laser.breaks)
+
+    def heed(self, found: Finding) -> list[Finding]:
+        """Return a finding of the passes as far as it is raised now: one cause may explain it."""
+        return self._cause.heed(found)
+
+    def _as_raised(self, outcomes: list[Outcome]) -> list[Outcome]:
+        """Return the outcomes without the findings that one cause explains, or may yet explain; the end of a pass decides it."""
+        raised: list[Outcome] = []
+        for each in outcomes:
+            if isinstance(each, Ended):
+                raised += self._cause.released()
+            raised += self._cause.heed(each) if isinstance(each, Finding) else [each]
+        return raised
+
+    def _followed(self, event: Event) -> list[Outcome]:
         outcomes: list[Outcome] = []
         if isinstance(event, Chunk):
             self._take_chunk(event)
@@ -126,7 +150,7 @@ class Capture:
             self._pending.settled(FAR_NS, None, self._mover(self._pending.first().signals))
             self._take_dwell(self._pending.take(), outcomes)
         self._remarks.listen(outcomes)
-        return outcomes
+        return [*self._as_raised(outcomes), *self._cause.released()]
 
     def left_over(self) -> tuple[Break, ...]:
         """Return what became of the laser's count after the last stop: it is for the log that goes on with the pass."""
@@ -149,7 +173,10 @@ class Capture:
 
     def _take_stands(self, by_laser: ByLaser, now_ns: int, outcomes: list[Outcome]) -> None:
         """Take the standstills that the laser alone shows."""
+        before = len(by_laser.seen)
         dwells, outcomes_of_laser = by_laser.look(now_ns)
+        for ended_ns, level_mm in by_laser.seen[before:]:
+            outcomes.extend(self._cause.take(Stand(Signals(stopped=True), level_mm, self._losses(ended_ns)), by_laser.setup, 0))
         for outcome in outcomes_of_laser:
             if isinstance(outcome, Ended):
                 self._end(outcome.kind, outcome.reason, outcomes)
@@ -187,7 +214,7 @@ class Capture:
         if self._left_program(signals):
             self._end_if_left(signals, outcomes)
             signals = replace(signals, stopped=False)
-        closed = self.tracker.poll(signals, block.send_ns, block.recv_ns)
+        closed = self.tracker.poll(signals, block.send_ns - self._late_ns, block.recv_ns - self._late_ns)
         if self._skip_open:
             self._skip_open = self.tracker.open is not None and closed is None and signals.stop_count in (None, self._last_count)
             if self._skip_open:
@@ -273,6 +300,8 @@ class Capture:
         self._remarks.listen(outcomes)
         begun = self.walk is not None
         found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
+        if self._by_laser is None and not self._cause.over:
+            self._judge_cause(dwell, outcomes)
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
             outcomes.extend([found.begun_anew()] if found.apart else [])
@@ -290,6 +319,18 @@ class Capture:
         outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
             self._end("complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes)
+
+    def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
+        """Let the standstill be judged together with those before it."""
+        if self._finder.is_head_run(dwell.signals):
+            outcomes.extend(self._cause.leave())
+            return
+        walk, taken = self.walk, certain_windows(self.laser, dwell, self._survey.stop)
+        until_ns = taken[0].to_ns if taken else dwell.to_ns
+        moves = moves_between(self.laser, self._dwell_before, dwell) if self._dwell_before is not None else ()
+        self._dwell_before = dwell
+        stand = Stand(dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves)
+        outcomes.extend(self._cause.take(stand, walk.route.setup if walk is not None else None, walk.expected if walk is not None else 0))
 
     def _reading_mm(self, dwell: Dwell) -> float | None:
         """Return what the laser reads at the first dwell; None where nothing, or where its count does not reach back to the log before."""

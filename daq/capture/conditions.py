@@ -50,6 +50,12 @@ COURSES: Mapping[str, Course] = {
 """A door that is opened changes the air by so much from one stop to the next; weather changes its pressure by so much an hour."""
 
 
+UNITS_HPA: Mapping[str, float] = {"kPa": 10.0, "mmHg": 1.333224, "inHg": 33.86389, "Pa": 0.01, "psi": 68.94757, "bar": 1000.0}
+UNIT_NEAR, UNIT_FAR = 0.06, 0.2
+"""A pressure is in another unit where that brings it to the pressure of [environment], weather allowed for, and it is no height of a hall:
+760 mmHg is the air at sea level, 760 hPa that at 2300 m."""
+
+
 class Credible(msgspec.Struct, frozen=True, kw_only=True):
     """A value that was believed, and when (seconds since 1970)."""
 
@@ -119,7 +125,7 @@ class Conditions:
     """Follows air and material from stop to stop. ``credible`` are the last values that were believed in the logs before."""
 
     def __init__(self, survey: Survey, credible: Mapping[str, Credible]) -> None:
-        self._environment = survey.environment
+        self._environment, self._signals = survey.environment, survey.plc.signals
         self._needed = needed_conditions(survey)
         self._credible = dict(credible)
         self._trouble: dict[str, Trouble | None] = {}
@@ -164,10 +170,17 @@ class Conditions:
         """Return the finding's code of a value that is not believed; None for one that is."""
         if math.isnan(value):
             return "conditions-held.silent"
-        if not _possible(name, value):
+        if not _possible(name, value) or self._unit(name, value):
             return "conditions-held.implausible"
         last = self._credible.get(name)
         return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else None
+
+    def _unit(self, name: str, value: float) -> str:
+        """Return the unit in which a pressure is that of [environment]; empty where it is one in hPa, or in none."""
+        stated = self._environment.air_pressure_hpa
+        if name != "air_pressure_hpa" or name in self._credible or abs(value / stated - 1) <= UNIT_FAR:
+            return ""
+        return next((unit for unit, hpa in UNITS_HPA.items() if abs(value * hpa / stated - 1) <= UNIT_NEAR), "")
 
     def _agreed(self, name: str, value: float) -> bool:
         """Tell whether enough stops in a row agree on a value after its jump."""
@@ -204,6 +217,12 @@ class Conditions:
             if last is None:
                 return message("conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit))
             return message("conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit))
+        unit_of, signal = self._unit(name, value), self._signals.get(name)
+        if unit_of and signal is not None:
+            scale = signal.scale * UNITS_HPA[unit_of]
+            return message("conditions-held.unit", name=CONDITIONS[name], read=_value(value, unit), unit=unit_of,
+                           hpa=value * UNITS_HPA[unit_of], line=f"plc.signals.{name}.scale", value=f"{scale:.6g}",
+                           stated=_value(stated, unit))  # fmt: skip
         found, key = self._found(name, value, time_s), cast('Literal["conditions-held.implausible", "sensor-jump"]', code)
         if last is None:
             return message("conditions-held.never", found=found, stated=_value(stated, unit))

@@ -37,7 +37,8 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
     lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
     ``credible`` the last values of air and material that were believed. ``beyond`` tells whether the log before has seen the machine go
-    beyond its last stop; None where nobody can say, and in logs of versions that did not. ``down`` are the links that are down.
+    beyond its last stop; None where nobody can say, and in logs of versions that did not. ``down`` are the links that are down, ``named``
+    the lines of the survey file that earlier logs have named as wrong.
     """
 
     hints: dict[str, PassHint]
@@ -48,6 +49,7 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     credible: dict[str, Credible] = {}
     beyond: bool | None = None
     down: tuple[Link, ...] = ()
+    named: tuple[str, ...] = ()
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:

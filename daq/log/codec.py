@@ -17,6 +17,7 @@ from typing import cast
 import msgspec
 
 from stepdiag.base.messages import Words, kept, of_log
+from stepdiag.daq.log.reader import impossible
 from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, is_table
 from stepdiag.daq.records.status import LinkState
@@ -249,21 +250,21 @@ def _chunks(stream: Stream, raw: _Bytes) -> list[Event]:
 
 def _require_few(times: Sequence[int]) -> None:
     if len(times) > MOST_EVENTS:
-        raise ValueError(f"a message of {len(times)} events")
+        raise impossible("events", len(times))
 
 
 def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
     """Raise ValueError for times that no monotonic clock of ours has shown."""
     least, most = min(later_us, default=0), max(later_us, default=0)
     if not 0 <= start_ns + least * US <= start_ns + most * US < MAX_TIME_NS:
-        raise ValueError(f"times from {start_ns} ns on that no clock shows")
+        raise impossible("t_mono_ns", start_ns)
 
 
 def _blocks(polls: _Blocks) -> list[Event]:
     start = int(polls.t_mono_ns)
     _require_few(polls.recv_us)
     if polls.ranges.count("|") >= MOST_RANGES:
-        raise ValueError(f"a poll of {polls.ranges.count('|') + 1} ranges")
+        raise impossible("ranges", polls.ranges.count("|") + 1)
     _require_clock(start, polls.recv_us)
     _require_clock(start, [received - answer for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)])
     ranges = tuple(_range(text) for text in polls.ranges.split("|"))
@@ -281,14 +282,14 @@ def _blocks(polls: _Blocks) -> list[Event]:
 def _answers(text: str, requests: int) -> tuple[bytes, ...]:
     data = tuple(bytes.fromhex(part) for part in text.split("|"))
     if len(data) != requests:
-        raise ValueError(f"{len(data)} answers to {requests} requests")
+        raise impossible("answers", f"{len(data)} / {requests}")
     return data
 
 
 def _range(text: str) -> ReadRange:
     table, address, count = text.split(" ")
     if not is_table(table):
-        raise ValueError(f"no table {table}")
+        raise impossible("table", table)
     return ReadRange(table, int(address), int(count))
 
 
@@ -299,4 +300,4 @@ def _from_runs(batch: _Batch, events: list[Event]) -> Iterator[Run]:
         yield number, events[place : place + run]
         number, place = number + run, place + run
     if place != len(events) or min(batch.run, default=0) < 1 or min(batch.skip, default=0) < 0:
-        raise ValueError("the runs of a batch do not count its events")
+        raise impossible("run", sum(batch.run))

@@ -14,9 +14,9 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metad
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
-from stepdiag.daq.log.reader import DAMAGE, RecordReader, stored_bytes
+from stepdiag.daq.log.reader import DAMAGE, BrokenRecordError, RecordReader, damage_of, impossible, stored_bytes
 from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
 from stepdiag.daq.records.events import Event
 
@@ -39,7 +39,7 @@ class LogEnd:
 
     events: int
     messages: dict[str, int]
-    damage: str
+    damage: Words
     dropped_events: int
     lost_bytes: int
     run_stop: dict[str, str]
@@ -67,7 +67,7 @@ class Log:
                 walk.require_justified(reader.good_bytes)
                 runs = walk.take(record)
             except DAMAGE as error:
-                reader.damage = f"a message that is not ours: {error or type(error).__name__}"
+                reader.damage = damage_of(error)
                 break
             for run in runs:
                 yield from run
@@ -105,16 +105,16 @@ class _Walk:
         """Raise ValueError for more events than the bytes read so far can stand for."""
         events = self.next + self.waiting_events
         if events > MOST_EVENTS + MOST_EVENTS_PER_BYTE * read_bytes:
-            raise ValueError(f"{events} events in {read_bytes} bytes")
+            raise impossible("events", events)
 
     def _order(self, runs: list[Run]) -> list[list[Event]]:
         for number, events in runs:
             if number < self.next or number in self.waiting:
-                raise ValueError(f"event {number} twice")
+                raise BrokenRecordError(message("log-event-twice", number=number))
             self.waiting[number] = events
             self.waiting_events += len(events)
         if self.waiting_events > MAX_WAITING_EVENTS:
-            raise ValueError(f"event {self.next} is missing")
+            raise BrokenRecordError(message("log-event-missing", number=self.next))
         ready = []
         while (events := self.waiting.pop(self.next, [])) != []:
             ready.append(events)
@@ -125,7 +125,7 @@ class _Walk:
     def end(self, reader: RecordReader) -> LogEnd:
         damage = reader.damage
         if not damage and self.waiting and "recovered_from" not in self.run_stop:
-            damage = f"event {self.next} is missing"
+            damage = message("log-event-missing", number=self.next)
         return LogEnd(
             events=self.next,
             messages=dict(self.messages),
@@ -195,9 +195,9 @@ def _header(path: Path, metadata: dict[str, dict[str, str]], survey: bytes) -> L
         text = survey.decode("utf-8")
         offset_ns, start_ns = int(clock["wall_minus_monotonic_ns"]), int(clock["start_mono_ns"])
         if not (0 <= start_ns < MAX_TIME_NS and 0 <= start_ns + offset_ns < MAX_TIME_NS):
-            raise ValueError(f"a clock at {start_ns} + {offset_ns} ns")
+            raise impossible("clock", f"{start_ns} + {offset_ns} ns")
     except (UnicodeDecodeError, KeyError, ValueError) as error:
-        raise DataError(str(path), expected=message("clock-and-survey"), found=f"{error!r}") from error
+        raise DataError(str(path), expected=message("clock-and-survey"), found=damage_of(error)) from error
     if survey_digest(text) != run.get("survey_sha256"):
         raise DataError(str(path), expected=message("survey-as-recorded"), found=message("another-one"), remedy=message("damaged-at-start"))
     return LogHeader(survey_text=text, wall_offset_ns=offset_ns, start_ns=start_ns, run=run, clock=clock)

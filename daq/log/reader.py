@@ -18,6 +18,7 @@ from mcap.records import McapRecord
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from stepdiag.base.errors import DataError, system_words
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
@@ -27,12 +28,20 @@ MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
 """What all chunks together may unpack to: so many bytes, and so many for each byte read. A laser at rest for hours comes to 400."""
 
 
-class BrokenRecordError(Exception):
-    """A record that no log of ours can hold."""
+class BrokenRecordError(ValueError):
+    """What no log of ours can hold; ``words`` name it."""
+
+    def __init__(self, words: Message) -> None:
+        super().__init__(str(words))
+        self.words = words
+
+
+def impossible(field: str, value: object) -> BrokenRecordError:
+    """Return the error for a value that no log of ours has."""
+    return BrokenRecordError(message("log-impossible", field=field, value=str(value)))
 
 
 DAMAGE = (
-    BrokenRecordError,
     McapError,
     CRCValidationError,
     struct.error,
@@ -46,6 +55,13 @@ DAMAGE = (
 """Everything that damaged bytes make the reader raise (measured: cut at every byte, bits flipped; ValueError covers wrong numbers)."""
 
 
+def damage_of(error: Exception) -> Message:
+    """Return what ended the reading of a log, in words."""
+    if isinstance(error, EndOfFile | struct.error):
+        return message("log-cut-off-here")
+    return error.words if isinstance(error, BrokenRecordError) else message("log-unreadable", what=str(error) or type(error).__name__)
+
+
 class _BoundedFile:
     """A file that refuses to read more at once than a record may have: lengths inside a record are not checked by the reader."""
 
@@ -54,12 +70,12 @@ class _BoundedFile:
 
     def read(self, length: int) -> bytes:
         if length > MAX_RECORD_BYTES:
-            raise BrokenRecordError(f"a part of a record of {length} bytes")
+            raise impossible("record.length", length)
         return self._file.read(length)
 
 
 class RecordReader:
-    """The records of a file in order. After the iteration ``damage`` says in words what ended it early, or is empty.
+    """The records of a file in order. After the iteration ``damage`` names what ended it early, or is empty.
 
     A log that was closed since somebody listed it is read under the name that it then has: ``path`` is that name after the iteration.
     """
@@ -67,7 +83,7 @@ class RecordReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.good_bytes = 0
-        self.damage = ""
+        self.damage: Words = ""
 
     def __iter__(self) -> Iterator[McapRecord]:
         with self._open() as file:
@@ -80,13 +96,12 @@ class RecordReader:
                     if isinstance(record, ChunkRecord):
                         unpacked += _claimed_bytes(record)
                         if unpacked > MOST_UNPACKED_BYTES + MOST_UNPACKED_PER_BYTE * file.tell():
-                            raise BrokenRecordError(f"{file.tell()} bytes that unpack to more than {unpacked}")
+                            raise impossible("chunks.uncompressed_size", unpacked)
                     parts = _unpack(record) if isinstance(record, ChunkRecord) else [record]
                     self.good_bytes = file.tell()
                     yield from parts
             except DAMAGE as error:
-                cut_off = isinstance(error, EndOfFile | struct.error)
-                self.damage = "it was cut off" if cut_off else str(error) or type(error).__name__
+                self.damage = damage_of(error)
 
     def _open(self) -> BinaryIO:
         """Return the file. Raises DataError."""
@@ -97,7 +112,7 @@ class RecordReader:
                 self.path = self.path.with_suffix("")
             return self.path.open("rb")
         except OSError as error:
-            raise DataError(str(self.path), expected="a log", found=system_words(error)) from error
+            raise DataError(str(self.path), expected=message("log-of-stepdiag"), found=system_words(error)) from error
 
 
 def stored_bytes(path: Path) -> int:
@@ -109,7 +124,7 @@ def stored_bytes(path: Path) -> int:
             path = path.with_suffix("")
         return path.stat().st_size
     except OSError as error:
-        raise DataError(str(path), expected="a log", found=system_words(error)) from error
+        raise DataError(str(path), expected=message("log-of-stepdiag"), found=system_words(error)) from error
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
@@ -120,8 +135,8 @@ def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
 def _claimed_bytes(chunk: ChunkRecord) -> int:
     """Return what a chunk says that it unpacks to. Raises BrokenRecordError for one that no log of ours can hold."""
     if chunk.compression != "zstd":
-        raise BrokenRecordError(f"a chunk compressed by {chunk.compression or 'nothing'}")
+        raise impossible("chunk.compression", repr(chunk.compression))
     claimed = max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data))
     if claimed > MAX_CHUNK_BYTES:
-        raise BrokenRecordError(f"a chunk that unpacks to {chunk.uncompressed_size} bytes")
+        raise impossible("chunk.uncompressed_size", claimed)
     return claimed

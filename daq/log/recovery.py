@@ -147,7 +147,7 @@ def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
             file.drain()
     writer.flush()  # type: ignore[no-untyped-call]
     stop = end.run_stop or {"exit_status": "interrupted", "reason": "the log was cut off", "events": str(end.events)}
-    writer.add_metadata(RUN_STOP, {**stop, "recovered_from": path.name, "damage": end.damage, "lost_bytes": str(end.lost_bytes)})
+    writer.add_metadata(RUN_STOP, {**stop, "recovered_from": path.name, "damage": str(end.damage), "lost_bytes": str(end.lost_bytes)})
     writer.finish()  # type: ignore[no-untyped-call]
     file.drain()
     return copied
@@ -196,5 +196,5 @@ def _check(target: Path, wanted: LogEnd) -> None:
         pass
     found = _end_of(log.end)
     if found.events != wanted.events or sum(found.messages.values()) != sum(wanted.messages.values()) or not found.run_stop:
-        remedy = "the damaged log is as it was: keep both files and report this"
+        remedy = message("keep-both-files")
         raise DataError(str(target), expected=f"{wanted.events} events", found=f"{found.events} events", remedy=remedy)

@@ -24,6 +24,8 @@ DRIVEN_AGAIN = frozenset(
     }
 )
 """Messages that name what is to be driven again."""
+STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
+"""Messages that name a line of the survey file, or a value to state: driving again cures none of them."""
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,8 +57,13 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names_the_cure(self) -> bool:
-        """Tell whether its message names what is to be driven again."""
-        return isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
+        """Tell whether its message names what is to be driven again, or to be stated."""
+        return self.is_stated or (isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN)
+
+    @property
+    def is_stated(self) -> bool:
+        """Tell whether what is stated cures it, and driving again does not."""
+        return self.code == "air-unknown" or (isinstance(self.why, Message) and self.why.key in STATED)
 
     @property
     def words(self) -> Words:

@@ -173,6 +173,11 @@ class Pass:
         against = next((each.words for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
         return stop.why() or (zero.doubt if zero is not None else "") or against
 
+    @property
+    def is_driven(self) -> bool:
+        """Tell whether driving again cures nothing of what is open: no stop is missing, and every doubt is of what is stated."""
+        return not self.missing and all(each.is_stated for each in self.open_doubts())
+
     def why_doubtful(self) -> Words:
         """Return which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
         still = self.open_doubts()
@@ -183,6 +188,8 @@ class Pass:
             return message("or-accept", why=words) if still[0].names_the_cure else message("again-or-accept", why=words)
         doubted = self._doubted(still)
         stops, why = _listed(doubted), self.doubt(doubted[0])
+        if self.is_driven:
+            return message("or-accept", why=message("stops-why", stops=stops, why=why))
         if not self._may_go_on():
             return message("stops-off-whole", stops=stops, why=why)
         return message("stops-off", stops=stops, why=why, stop=self.again_from())

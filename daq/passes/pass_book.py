@@ -31,6 +31,8 @@ class PassBook:
         self.last: CapturedStop | None = None
         self.preferred = ""
         """The setup that a person wants next."""
+        self.wrong_line = ""
+        """The line of the survey file that a finding has named as wrong: until it is corrected no pass has to be driven again."""
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
         self.stops = 0

@@ -8,7 +8,10 @@
 import errno
 import os
 import re
+import shutil
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +20,7 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
+from stepdiag.base.disk.part import part_of
 from stepdiag.base.disk.system import lock
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
 from stepdiag.base.findings import Finding, Severity
@@ -25,13 +29,15 @@ from stepdiag.base.setups import DRIVEN_SETUPS
 from stepdiag.daq.capture.captured_stop import CapturedStop, from_log
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
-from stepdiag.daq.log.reader import DAMAGE, RecordReader
+from stepdiag.daq.log.reader import DAMAGE, RecordReader, damage_of, impossible
 from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
+from stepdiag.daq.recording.corrections import Correction, compared, must_reread, note_correction, reread, text_of
 from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
+from stepdiag.daq.survey.amended import extends
 
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
@@ -114,28 +120,60 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to go on with: the last one where it is not complete and was recorded with this very survey file, else a new one.
+    """Return the round to go on with: the last one where it is not complete and its survey file drives the machine alike, or this file has
+    further setups; else a new one.
 
-    Logs that were cut off are mended first, into new files.
+    Where registers or laser are read otherwise now, the stops are those of the logs read by this file; that stands beside them. Logs that
+    were cut off are mended first, into new files.
     """
     rounds = round_folders(folder)
     if not rounds:
         return _new_round(folder, 1, run)
-    last = rounds[-1]
-    mend(last)
+    mend(rounds[-1])
+    last = gone_on_with(rounds[-1], survey_text)
     logs = begun_logs(last)
-    if (last / RESULT).exists() or any(open_log(log).header.survey_text != survey_text for log in logs):
+    recorded = text_of(last, logs)
+    changed = [] if not recorded or extends(survey_text, recorded) else compared(recorded, survey_text)
+    if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
-    noted = [noted_in(log) for log in logs]
+    if changed:
+        note_correction(last, Correction(time_s=time.time(), name="run", changes=tuple(map(str, changed)), survey_text=survey_text))
+    noted = noted_round(last, logs, survey_text)
     used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
     return Round(
         last,
         dict(run),
         logs=max(used, default=0),
-        stops=tuple(stop for each in noted for stop in each.stops),
-        findings=tuple(found for each in noted for found in each.findings),
+        stops=noted.stops,
+        findings=noted.findings,
         verdicts=verdicts_in(last),
     )
+
+
+def gone_on_with(folder: Path, survey_text: str) -> Path:
+    """Return the folder of a round that has no result yet: the round itself; where a survey file has further setups than one with a result,
+    a new one that holds the same logs. What a person or the solver has stated beside them is in it, too."""
+    logs = begun_logs(folder)
+    recorded = {open_log(log).header.survey_text for log in logs}
+    if not (folder / RESULT).exists() or survey_text in recorded or not all(extends(survey_text, one) for one in recorded):
+        return folder
+    new = folder.with_name(f"{int(folder.name) + 1:04d}")
+    if not new.exists():
+        with part_of(new) as part:
+            (part / "round").mkdir()
+            for path in (*logs, *folder.glob("*.jsonl")):
+                _copied(path, part / "round" / path.name)
+            (part / "round").rename(new)
+    return new
+
+
+def _copied(path: Path, target: Path) -> None:
+    """Have a file under another name, too; logs are never written to again, all else is."""
+    with suppress(OSError):
+        if path.suffix != ".jsonl":
+            target.hardlink_to(path)
+            return
+    shutil.copyfile(path, target)
 
 
 def next_round(begun: Round) -> Round:
@@ -162,6 +200,17 @@ class Noted:
 
     stops: tuple[CapturedStop, ...]
     findings: tuple[Finding, ...]
+
+
+def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
+    """Return the stops and findings of a round as its survey file makes them: from the logs' notes, else from their bytes."""
+    if logs and must_reread(logs, survey_text):
+        _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
+        outcomes = [outcome for _, outcome in found]
+        stops = tuple(each for each in outcomes if isinstance(each, CapturedStop))
+        return Noted(stops, tuple(each for each in outcomes if isinstance(each, Finding)))
+    noted = [noted_in(log) for log in logs]
+    return Noted(tuple(stop for each in noted for stop in each.stops), tuple(found for each in noted for found in each.findings))
 
 
 def noted_stops(log: Path) -> list[CapturedStop]:
@@ -205,7 +254,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
         found = msgspec.json.decode(note, type=_FindingNote)
         arguments = msgspec.json.decode(found.arguments or "null")  # a log of before has the text alone
     except DAMAGE as error:
-        raise DataError(str(log), expected=message("findings-noted"), found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("findings-noted"), found=damage_of(error)) from error
     return Finding(
         code=found.code,
         severity=found.severity_text,
@@ -233,15 +282,15 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
         _require_possible(stop)
         return stop
     except (*DAMAGE, KeyError) as error:
-        raise DataError(str(log), expected=message("stops-noted"), found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("stops-noted"), found=damage_of(error)) from error
 
 
 def _require_possible(stop: CapturedStop) -> None:
-    """Raise ValueError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
+    """Raise BrokenRecordError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
     if not _SETUP.fullmatch(stop.setup):
-        raise ValueError(f"a stop of the setup {stop.setup[:40]!r}")
+        raise impossible("setup", stop.setup[:40])
     if stop.stop < 0 or not 0.0 <= stop.time_s < LATEST_S:
-        raise ValueError(f"stop {stop.stop} at {stop.time_s:g} s")
+        raise impossible("stop", f"{stop.stop}, {stop.time_s:g} s")
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:

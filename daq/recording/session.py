@@ -16,6 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -134,6 +135,7 @@ class Session:
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
+        self.book.wrong_line = next(map(line_named, filter(line_named, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
@@ -335,6 +337,7 @@ class Session:
             credible=believed,
             last_count=self.owed if start.last_count is None else start.last_count,
             down=tuple(sorted(self._down)),
+            named=tuple(dict.fromkeys(line for each in self.findings if (line := line_named(each)))),
         )
         setup = self.book.next_setup() or "more"
         header = LogHeader(
@@ -400,11 +403,13 @@ class Session:
             self._sink.promise(stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome))
             self._draw(outcome)
             for remark in self.book.news():
-                self._heed(remark)
+                for raised in self.capture.heed(remark) if self.capture is not None else [remark]:
+                    self._heed(raised)
             return
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)
             self.findings.append(outcome)
+            self.book.wrong_line = line_named(outcome) or self.book.wrong_line
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)

@@ -22,11 +22,12 @@ from stepdiag.daq.passes.pass_book import PassBook
 ACCEPTED = "accepted.jsonl"
 DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
-WORDS = (ACCEPTED, DATED, JUDGED)
+CORRECTED = "corrected.jsonl"
+WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
 """What belongs to the logs of a survey wherever they are taken."""
 LARGEST_BYTES = 4_000_000
 """More is none that persons write."""
-Line = TypeVar("Line", Acceptance, TimeStated, "Judgement")
+Line = TypeVar("Line", bound=msgspec.Struct)
 
 _log = structlog.get_logger("verdicts")
 
@@ -71,9 +72,9 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 def verdicts_in(folder: Path) -> Verdicts:
     """Return the verdicts on the survey whose logs are in a folder; empty where there are none."""
     return Verdicts(
-        accepted=tuple(_lines(folder / ACCEPTED, Acceptance)),
-        judgements=tuple(_lines(folder / JUDGED, Judgement)),
-        dated=tuple(_lines(folder / DATED, TimeStated)),
+        accepted=tuple(lines_of(folder / ACCEPTED, Acceptance)),
+        judgements=tuple(lines_of(folder / JUDGED, Judgement)),
+        dated=tuple(lines_of(folder / DATED, TimeStated)),
     )
 
 
@@ -153,7 +154,8 @@ def _back_to(path: Path, size: int | None) -> None:
         os.truncate(path, size)
 
 
-def _lines(path: Path, kind: type[Line]) -> list[Line]:
+def lines_of(path: Path, kind: type[Line]) -> list[Line]:
+    """Return the lines of a file that hold what is asked for; those that were torn are passed over. None where there is no file."""
     if not path.is_file():
         return []
     found: list[Line] = []

@@ -14,7 +14,7 @@ from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take"]
 
 
 State = Literal["open", "accepted", "past"]
@@ -28,6 +28,15 @@ class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
     address: Words
     age_s: float | None
     detail: Words = ""
+
+
+class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What to drive next and what it brings, or that the survey is at its end, in words. ``setup`` is what comes next, empty at the end;
+    ``further``: the plan does not have it yet, and a person may take it."""
+
+    words: Words = ""
+    setup: str = ""
+    further: bool = False
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -197,6 +206,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     recording: bool
     begins: bool = False
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
+    ahead: AheadStatus = AheadStatus()
+    """What to drive next, by what is solved so far."""
     waits_in_vain: bool = False
     """Whether the machine waits for the handshake for longer than it should; what is wrong with it stands in ``message``."""
     message: Words = ""
@@ -239,6 +250,6 @@ class StatusSource(Protocol):
         """Do what a person with the token asks.
 
         ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept`` takes ``place`` (of a doubt), ``reason``
-        and ``name``; the others take nothing.
+        and ``name``; ``take`` puts the further setup that is shown into the survey; the others take nothing.
         Raises UsageError where the present state does not allow it, with what would.
         """

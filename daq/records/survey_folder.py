@@ -6,6 +6,8 @@ RESULT = "result.json"
 READINGS = "readings.csv"
 CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
+AHEAD = "ahead.json"
+"""What to drive next, after what is driven."""
 REFUSED = "REFUSED.txt"
 """Why there are no files for a control, in the folder where they would be."""
 

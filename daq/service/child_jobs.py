@@ -10,11 +10,12 @@ from pathlib import Path
 import structlog
 
 from stepdiag.base.messages import Words, of_log
-from stepdiag.daq.records.status import Phase
+from stepdiag.daq.records.status import AheadStatus, Phase
 from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.daq.service.ahead import ahead_in
 from stepdiag.daq.service.metrics import Tally
 
-READINGS_ONLY, CERTIFICATE_ONLY = "--readings", "--certificate"
+READINGS_ONLY, CERTIFICATE_ONLY, TAKE = "--readings", "--certificate", "--take"
 _log = structlog.get_logger("daemon")
 
 
@@ -22,11 +23,13 @@ _log = structlog.get_logger("daemon")
 class Commands:
     """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
 
+    ``ahead`` is run after each setup for what to drive next, with `TAKE` for a further setup that a person takes.
     ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open, with `CERTIFICATE_ONLY` for a finished one.
     """
 
     completion: Sequence[str]
     archiving: Sequence[str] = ()
+    ahead: Sequence[str] = ()
     max_gb: float = 0.0
 
 
@@ -47,6 +50,7 @@ class Finisher:
         self.phase: Phase = "starting"
         self.message: Words = ""
         self.result: Path | None = None
+        self.ahead = AheadStatus()
 
     def recorder_is(self, *, idle: bool) -> None:
         """Hear whether the last log is closed: before that it is not read."""
@@ -67,6 +71,15 @@ class Finisher:
     def certify(self, folder: Path, then: Callable[[], None]) -> None:
         """Begin to write the certificate of a finished survey; ``then`` is called when it is written, or cannot be."""
         self._begin(self._certify(folder, then), f"certificate {folder.name}")
+
+    def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
+        """Begin to work out what to drive next; ``then`` is called when it is known, or cannot be."""
+        if self._commands.ahead:
+            self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
+
+    def take(self, then: Callable[[], None]) -> None:
+        """Begin to put the further setup into the survey file; ``then`` is called when it is in it, or cannot be."""
+        self._begin(self._take(then), "take")
 
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
@@ -102,6 +115,22 @@ class Finisher:
         code, self.message = await self._run(*self._commands.completion, CERTIFICATE_ONLY, str(folder))
         if code:
             _log.error("certificate-unwritten", folder=str(folder), exit_code=code, reason=str(self.message))
+        then()
+
+    async def _look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
+        await self._recorder_idle.wait()
+        code, reason = await self._run(*self._commands.ahead)
+        if code:
+            _log.warning("ahead-unknown", folder=str(folder), exit_code=code, reason=str(reason))
+        self.ahead = AheadStatus() if code else ahead_in(folder)
+        if self.ahead.words:
+            _log.info("ahead", what=str(self.ahead.words), setup=self.ahead.setup, further=self.ahead.further)
+        then()
+
+    async def _take(self, then: Callable[[], None]) -> None:
+        code, self.message = await self._run(*self._commands.ahead, TAKE)
+        self.ahead = self.ahead if code else AheadStatus()
+        _log.info("taken", exit_code=code, reason=str(self.message))
         then()
 
     async def _finish(self, folder: Path) -> None:

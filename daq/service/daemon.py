@@ -8,12 +8,13 @@ import asyncio
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import structlog
 
-from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -23,7 +24,7 @@ from stepdiag.daq.log.topics import log_note
 from stepdiag.daq.passes.doubt import Doubt, places_of
 from stepdiag.daq.recording.begun import BegunWords
 from stepdiag.daq.recording.handshake import Handshake
-from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
+from stepdiag.daq.recording.rounds import FolderLock, gone_on_with, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.settled import Settled
 from stepdiag.daq.recording.survey_links import SurveyLinks
@@ -35,8 +36,10 @@ from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.service.status_source import DaemonStatusSource, Working
 from stepdiag.daq.service.supervision import Supervisor
-from stepdiag.daq.survey.bundle import bundle_to_run, compensation_findings, compensation_of, read_bundle
+from stepdiag.daq.survey.amended import extends
+from stepdiag.daq.survey.bundle import compensation_findings, run_record
 from stepdiag.daq.survey.file import load_survey, read_text
+from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 
 PUBLISH_S = 0.1
@@ -50,20 +53,27 @@ class Daemon:
     """Records surveys until it is stopped. ``completion`` is the command that is run with a survey's folder when its last pass is in.
 
     ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
-    ``programs`` names the NC program of each setup, as a person calls it at the control. ``status_source`` answers whoever looks on.
+    ``ahead`` is run when a setup is in: it states what to drive next. ``programs`` names the NC program of each setup of a survey, as a
+    person calls it at the control. ``status_source`` answers whoever looks on.
     """
 
     def __init__(
-        self, survey_file: Path, completion: Sequence[str], archiving: Sequence[str] = (), programs: Mapping[str, str] | None = None
+        self,
+        survey_file: Path,
+        completion: Sequence[str],
+        archiving: Sequence[str] = (),
+        ahead: Sequence[str] = (),
+        programs: Callable[[Survey], Mapping[str, str]] = lambda _: {},
     ) -> None:
+        self._file = survey_file
         self.survey = load_survey(survey_file)
         self.status_source = DaemonStatusSource()
         self._text = read_text(survey_file)
-        bundle = read_bundle(survey_file, self.survey)
-        self._run_record = {"compensation": compensation_of(self.survey, bundle).words(), **bundle_to_run(bundle)}
+        self._run_record = run_record(self.survey, survey_file)
         self._folder = self.survey.folder(survey_file)
-        self._commands = Commands(completion=completion, archiving=archiving, max_gb=self.survey.recording.max_gb)
-        self._programs = programs or {}
+        self._commands = Commands(completion=completion, archiving=archiving, ahead=ahead, max_gb=self.survey.recording.max_gb)
+        self._programs = programs
+        self._changed_ns = _modified_ns(survey_file)
         self._notifier = Notifier()
         self._tally = Tally()
         self._stop = asyncio.Event()
@@ -154,7 +164,7 @@ class Daemon:
                 self._notifier, dead, self._remark, self._tally, self._lock.require_folder, self._folder, self.survey.recording.min_free_gb
             ),
             tally=self._tally,
-            programs=self._programs,
+            programs=self._programs(self.survey),
             alarms=self._alarms,
             waits_in_vain=lambda: self._handshake is not None and bool(self._handshake.alarm),
         )
@@ -243,6 +253,7 @@ class Daemon:
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
         self._loop.call_soon(self._complete_if_settled)
+        self._loop.call_soon(self._look_ahead)
 
     # survey after survey
 
@@ -301,6 +312,38 @@ class Daemon:
         if heard or self._settled.due(session):
             self._complete_if_settled()
 
+    def _look_ahead(self) -> None:
+        """Have it worked out what to drive next, once a setup is in."""
+        shown = self._working.shown
+        last = shown.book.last
+        if last is not None and not shown.book.open_passes(last.setup):
+            self._working.finisher.look_ahead(shown.folder, self.status_source.news)
+
+    def _look_at_survey(self) -> None:
+        """Go on with a survey file that has further setups, between two passes; any other change waits for the next daemon."""
+        working = self._working
+        begun = working.shown is not working.session and working.session.book.passes
+        changed_ns = _modified_ns(self._file)
+        if changed_ns == self._changed_ns or working.session.recording or working.finisher.phase == "solving" or begun:
+            return
+        self._changed_ns = changed_ns
+        try:
+            text = read_text(self._file)
+            if text == self._text or not extends(text, self._text):
+                return
+            folder = gone_on_with(working.shown.folder, text)
+        except (UsageError, DataError, OSError) as refused:
+            _log.warning("survey-file-not-taken", detail=str(refused))
+            return
+        self._text, self.survey = text, load_survey(self._file)
+        working.programs = self._programs(self.survey)
+        begun_round = replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder)
+        working.session = working.shown = self._session(working.recorder, begun_round, armed=False)
+        working.finisher.forget()
+        self._settled.know(working.session)
+        _log.info("survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder))
+        self.status_source.news()
+
     def _look_at_begun(self) -> None:
         """Begin the setup that somebody at a terminal says is going to be driven."""
         for word in self._begun.news():
@@ -336,6 +379,7 @@ class Daemon:
             self._announce(str(self.status_source.waits_for()))
             self._look_at_verdicts()
             self._look_at_begun()
+            self._look_at_survey()
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
@@ -356,6 +400,14 @@ class Daemon:
         if waits_for != self._announced and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
         self._announced = waits_for
+
+
+def _modified_ns(file: Path) -> int:
+    """Return when a file was changed last; 0 where it is gone."""
+    try:
+        return file.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _say_ended(ended: Ended) -> None:

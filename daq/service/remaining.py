@@ -1,8 +1,14 @@
 """What is still to be driven: which passes, in which order, from which stop, and how long it takes with setting up."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
+from statistics import median
 
 from stepdiag.base.readings.runs import Plan, run_minutes, run_stops_mm, setup_minutes
+from stepdiag.base.setups import Kind, setup_of
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import route_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
@@ -11,6 +17,11 @@ from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
 """The pace is computed from this many stops."""
+LONGEST_SETTING_UP = 3.0
+SETTING_UP: Mapping[Kind, str] = {
+    "step": "diagonal_setup_min", "face": "diagonal_setup_min", "body": "diagonal_setup_min", "linear": "linear_setup_min",
+    "fourdof": "fourdof_setup_min",
+}  # fmt: skip
 LONGEST_DWELL = 20.0
 """A stop that took so many times longer than planned was an interruption, not the pace."""
 
@@ -35,6 +46,23 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     return tuple(drives)
 
 
+def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
+    """Return the plan with the minutes of setting up that stops of a survey show, by kind: from the last stop before to the first of it.
+
+    What took so many times longer than planned (`LONGEST_SETTING_UP`) was an interruption.
+    """
+    plan, found = survey.planned, dict[str, list[float]]()
+    for before, first in pairwise(sorted(stops, key=lambda stop: stop.time_s)):
+        if before.setup == first.setup:
+            continue
+        one, other = setup_of(before.setup), setup_of(first.setup)
+        name = "beam_shift_min" if one.base == other.base else SETTING_UP[other.kind]
+        minutes = (first.time_s - before.time_s) / 60.0
+        if minutes < LONGEST_SETTING_UP * getattr(plan.pace, name):
+            found.setdefault(name, []).append(minutes)
+    return replace(plan, pace=replace(plan.pace, **{name: median(minutes) for name, minutes in found.items()}))
+
+
 def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: bool) -> DriveStatus:
     """Return an open pass without its minutes; a pass that the machine drives now goes on where it is, and may still become whole."""
     stops = len(route_of(survey.planned, setup, number))
@@ -45,7 +73,8 @@ def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: 
     from_stop = begun.again_from()
     if now and not begun.open_doubts() and (following := _following(begun)) is not None:
         from_stop = following
-    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=not now)
+    again = not now and not book.wrong_line and not begun.is_driven
+    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=again)
 
 
 def _following(begun: Pass) -> int | None:

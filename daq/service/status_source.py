@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import structlog
 
 from stepdiag.base.errors import UsageError
@@ -112,7 +113,7 @@ class DaemonStatusSource:
     def snapshot(self) -> Snapshot:
         """Return the present state."""
         working = self._at_work
-        return snapshot(
+        shown = snapshot(
             working.shown,
             sequence=self._sequence,
             phase=self.phase(),
@@ -122,6 +123,7 @@ class DaemonStatusSource:
             waits_in_vain=working.waits_in_vain(),
             notice=_message(working),
         )
+        return msgspec.structs.replace(shown, ahead=working.finisher.ahead)
 
     def figures(self) -> Figures:
         """Return what the daemon counts and measures of itself, now."""
@@ -171,6 +173,14 @@ class DaemonStatusSource:
             raise UsageError(message("where-certificate"), expected=message("expects-result"), found=message("none"))
         finisher.certify(finisher.result.parent, self.news)
 
+    def _take(self, working: Working) -> None:
+        """Have the further setup put into the survey. Raises UsageError where there is none, or a pass is being recorded."""
+        session = working.session
+        if session.recording or not working.finisher.ahead.further:
+            found = message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
+            raise UsageError(message("where-take"), expected=message("expects-further"), found=found)
+        working.finisher.take(self.news)
+
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
         _log.info(
@@ -180,9 +190,7 @@ class DaemonStatusSource:
         session = working.session
         match name:
             case "start":
-                if not working.paused and session.survey.plc.silent:
-                    session.begin(session.book.next_setup(), now_ns())
-                working.paused = False
+                _start(working)
             case "pause":
                 session.close(message("closed-paused"))
                 working.paused = True
@@ -196,9 +204,18 @@ class DaemonStatusSource:
                 self._certify(working.finisher)
             case "accept":
                 await self._accept(session, arguments)
+            case "take":
+                self._take(working)
             case "name":
                 session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def _start(working: Working) -> None:
+    """Go on after a pause, or begin the next setup of a machine without signals. Raises UsageError as `Session.begin`."""
+    if not working.paused and working.session.survey.plc.silent:
+        working.session.begin(working.session.book.next_setup(), now_ns())
+    working.paused = False
 
 
 def _abort(session: Session) -> None:

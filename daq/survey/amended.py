@@ -2,17 +2,22 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import date
 
-from stepdiag.base.errors import UsageError
+import msgspec
+
+from stepdiag.base.errors import StepdiagError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.setups import setup_code
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.models import Plan
+from stepdiag.daq.survey.models import Plan, Proof, Survey
 
 HEADER = re.compile(r"\s*\[")
 OFFSETS = "[[plan.beam_offset]]"
 PLAN = "[plan]"
 VOLUME = "[volume]"
+_NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
@@ -42,6 +47,62 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
         raise UsageError(f"{source}: plan", expected=message("section-plan-with-one"), found=message("another-form"),
                          remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
     return amended
+
+
+def extends(text: str, recorded: str) -> bool:
+    """Tell whether a survey file is that of a log, perhaps with further setups: those of the log are driven and coded as before."""
+    if text == recorded:
+        return True
+    try:
+        old = parse_survey(recorded, "log")
+        return without_further(parse_survey(text, "survey"), old) == old
+    except StepdiagError:
+        return False
+
+
+def without_further(new: Survey, old: Survey) -> Survey:
+    """Return a survey without its further setups, where it drives and codes those of an old one as before; else as it is."""
+    names, before = new.plan.all_setups, old.plan.all_setups
+    plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
+    further = len(names) > len(before) and all(
+        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before) for run in old.planned.runs
+    )
+    return msgspec.structs.replace(new, plan=plan) if further else new
+
+
+def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof) -> str:
+    """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that were loaded on a ``day`` as ``active``.
+
+    What measures stays as it is; exports, angles and the 4-DOF head are left out. Raises as `with_plan`.
+    """
+    settings: dict[str, Mapping[str, object]] = {
+        "[survey]": {"name": name},
+        "[machine]": {"compensation": "on", "active": list(active), "active_date": day, "active_source": "stepdiag export"},
+        "[solver]": {"angles": ""},
+    }
+    blocks = [block for block in _blocks(text.splitlines(keepends=True)) if not block[0].lstrip().startswith(_NOT_PROVED)]
+    for header, values in settings.items():
+        if not any(block[0].strip() == header for block in blocks):
+            blocks.append([f"{header}\n"])
+        blocks = [_stated(block, values) if block[0].strip() == header else block for block in blocks]
+    held = {field: getattr(proof, field) for field in proof.__struct_fields__ if getattr(proof, field)}
+    blocks.append(_stated(["\n", "[proof]\n"], held))
+    return with_plan("".join(line for block in blocks for line in block), plan, source)
+
+
+def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
+    """Return a section with values below its header, in the place of what it stated of them."""
+    kept, inside = list[str](), False
+    for line in block:
+        if inside:
+            inside = "]" not in line
+        elif "=" in line and line.partition("=")[0].strip() in values:
+            inside = "[" in line and "]" not in line
+        else:
+            kept.append(line if line.endswith("\n") else f"{line}\n")
+    below = next(index for index, line in enumerate(kept) if HEADER.match(line)) + 1
+    written = [f"{key} = {value.isoformat() if isinstance(value, date) else json.dumps(value)}\n" for key, value in values.items()]
+    return [*kept[:below], *written, *kept[below:]]
 
 
 def _blocks(lines: Sequence[str]) -> list[list[str]]:

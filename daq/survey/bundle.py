@@ -27,13 +27,18 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
     Raises UsageError for a file that cannot be read or is too large to be one.
     """
     here = survey_file.parent
-    names = [export.profile for export in survey.exports] + [survey.solver.angles]
+    profiles = [export.profile for export in survey.exports]
+    names = [survey.solver.angles]
+    if survey.proof is not None:
+        profiles += [survey.proof.profile] if survey.proof.profile else []
+        names += [survey.proof.result, survey.proof.readings]
+    names += profiles
     names += [survey.head.calibration if survey.head is not None else "", *survey.machine.active]
     bundle = {name: _read(here / name, survey_file.name) for name in dict.fromkeys(names) if name}
     _refuse_too_much(bundle, survey_file.name)
-    for export in survey.exports:
-        for table in _tables_of(bundle[export.profile]):
-            bundle[f"{export.profile}//{table}"] = _read((here / export.profile).parent / table, export.profile)
+    for profile in profiles:
+        for table in _tables_of(bundle[profile]):
+            bundle[f"{profile}//{table}"] = _read((here / profile).parent / table, profile)
             _refuse_too_much(bundle, survey_file.name)
     return bundle
 
@@ -82,7 +87,9 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
         raise DataError(source, expected=message("survey-s-files-base64"), found=str(error)) from error
     large = [name for name, data in found.items() if len(data) > LARGEST_TABLE_BYTES]
     if large:
-        raise DataError(f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found="more")
+        raise DataError(
+            f"{source}: {large[0]}", expected=message("at-most-bytes", largest_table_bytes=LARGEST_TABLE_BYTES), found=message("found-more")
+        )
     return found
 
 
@@ -105,3 +112,9 @@ def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
 
 def _read(path: Path, source: str) -> bytes:
     return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=message("readable-file-of", name=path.name), blame=UsageError)
+
+
+def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
+    """Return what every log of a survey holds of it in ``stepdiag.run``: whether a compensation is active, and the files that it names."""
+    bundle = read_bundle(survey_file, survey)
+    return {"compensation": compensation_of(survey, bundle).words(), **bundle_to_run(bundle)}

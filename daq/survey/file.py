@@ -62,6 +62,8 @@ def read_text(path: Path) -> str:
 def _named_files(survey: Survey) -> list[tuple[str, str]]:
     named = [(f"export[{index}].profile", export.profile) for index, export in enumerate(survey.exports)]
     named.append(("solver.angles", survey.solver.angles))
+    if survey.proof is not None:
+        named += [(f"proof.{field}", getattr(survey.proof, field)) for field in ("result", "readings", "profile")]
     named += [(f"machine.active[{index}]", name) for index, name in enumerate(survey.machine.active)]
     if survey.head is not None:
         named.append(("head.calibration", survey.head.calibration))

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from stepdiag.daq.formats.instruments.air import PTU300, AirSettings, quantities_in
-from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
+from stepdiag.daq.formats.instruments.angles import ELCOMAT, ELCOMAT_GREETING, WYLER, AnglesSettings
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesSettings
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
@@ -159,7 +159,7 @@ def _angles(head: Head) -> AnglesSettings:
     return AnglesSettings(
         pattern=section.pattern or (ELCOMAT if elcomat else WYLER),
         unit=section.unit,
-        greeting="A" if elcomat else "",
+        greeting=ELCOMAT_GREETING if elcomat else "",
         request="" if elcomat else "P",
         poll_hz=section.poll_hz,
         latency_s=head.latency_s,

@@ -301,6 +301,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
     slot: Annotated[int, Meta(ge=0, le=31)] = 2
     poll_hz: Positive = 50.0
     timeout_s: Positive = 0.3
+    latency_s: NotNegative = 0.0
     own_signals: dict[str, SignalSpec] = msgspec.field(name="signals", default_factory=dict)
     inputs: dict[str, SignalSpec] = {}
     expressions: dict[str, Text] = {}
@@ -437,6 +438,15 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
     profile: Text
 
 
+class Proof(msgspec.Struct, frozen=True, kw_only=True):
+    """What a proof run is held against; the files that were loaded stand in `Machine.active`. Without ``profile`` the export had none."""
+
+    controller: FileName
+    result: Text
+    readings: Text
+    profile: str = ""
+
+
 class Page(msgspec.Struct, frozen=True, kw_only=True):
     enabled: bool = True
     host: Text = "127.0.0.1"
@@ -488,6 +498,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: Uncertainty = Uncertainty()
     tolerance: Tolerance = Tolerance()
     exports: tuple[Export, ...] = msgspec.field(name="export", default=())
+    proof: Proof | None = None
     report: Certificate = Certificate()
     page: Page = Page()
     metrics: Metrics = Metrics()

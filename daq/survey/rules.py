@@ -19,15 +19,15 @@ _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
 _LINE_GROUPS = ("position", "counter", "beam")
 _MAX_POLL_HZ = 1000.0
 _S7_PDU = 240
-_MODBUS = (re.compile(r"coil\Z|discrete\Z|holding\Z|input\Z"), '"coil", "discrete", "holding" or "input" over Modbus')
+_MODBUS = (re.compile(r"coil\Z|discrete\Z|holding\Z|input\Z"), message("table-over-modbus"))
 _TABLES = {
     "tcp": _MODBUS,
     "rtu": _MODBUS,
-    "s7": (re.compile(r"db\d+\Z"), 'a data block, such as "db4900", over S7'),
-    "lsv2": (re.compile(r"[BMIO]\Z"), '"B" (bytes, words and double words), "M", "I" or "O" over LSV2'),
+    "s7": (re.compile(r"db\d+\Z"), message("table-over-s7")),
+    "lsv2": (re.compile(r"[BMIO]\Z"), message("table-over-lsv2")),
 }
 _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
-_MAPS = {"s7": "the words of the program and the axes' exact stop", "lsv2": "the numbers of FN 19 and the axes in position"}
+_MAPS = {"s7": message("map-of-s7"), "lsv2": message("map-of-lsv2")}
 LONGEST_PATH, LONGEST_NAME = 2000, 255
 """Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with room for what is put below."""
 MOST_SHOWN = 100
@@ -270,7 +270,7 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
     """Yield what a machine without signals cannot give."""
-    plc, none = survey.plc, 'nothing with transport = "none"'
+    plc, none = survey.plc, message("nothing-without-transport")
     for field, entries in (("signals", plc.own_signals), ("inputs", plc.inputs), ("expressions", plc.expressions)):
         if entries:
             yield refuse(source, f"plc.{field}", none, list(entries))
@@ -296,7 +296,7 @@ def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
         if name not in (*SWITCHED, *COUNTED):
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
-            yield refuse(source, field, message("either-expression-plc-signals", name=name), "both")
+            yield refuse(source, field, message("either-expression-plc-signals", name=name), message("both"))
         try:
             found = plc.expression(name, source)
         except UsageError as error:
@@ -404,8 +404,8 @@ def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
     poll_s = 1.0 / survey.plc.poll_hz
     needed = survey.stop.settle_s + survey.stop.min_window_s + 2.0 * poll_s
     if survey.plan.dwell_s < needed:
-        parts = f"settle {survey.stop.settle_s:g} + window {survey.stop.min_window_s:g} + two polls of {poll_s:.3g}"
-        yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, parts=parts), survey.plan.dwell_s)
+        parts = {"settle_s": survey.stop.settle_s, "window_s": survey.stop.min_window_s, "poll_s": poll_s}
+        yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, **parts), survey.plan.dwell_s)
 
 
 def _page(survey: Survey, source: str) -> Iterator[UsageError]:

@@ -18,6 +18,8 @@ MEMORY_BINS = 480
 """Two minutes of points: long against the jitter, short against the thermal drift of a quartz."""
 FREE_SLOPE_SPAN_NS = 10_000_000_000
 """Below ten seconds the rate from the instrument is better than the slope of the points."""
+WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
+"""No delay is so long, and no quartz so far off: a stated rate that the arrivals contradict by more is not the instrument's."""
 SKIP_BINS = 8
 """Two seconds of points that are all late by most of a sample period are a silent skip, not jitter."""
 
@@ -60,8 +62,9 @@ def _turns_up(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c:
 class SampleClock:
     """The clock of one segment of a stream: no gap of unknown length, no change of rate.
 
-    ``rate_hz`` is what the instrument or its data sheet says (None: unknown); ``latency_s`` is the known delay inside the instrument;
-    ``gaps_visible`` that a lost sample is counted. Where it is not, the clock watches for silent skips.
+    ``rate_hz`` is what the instrument or its data sheet says (None: unknown), used while the arrivals do not contradict it; ``latency_s``
+    is the known delay inside the instrument; ``gaps_visible`` that a lost sample is counted. Where it is not, the clock watches for
+    silent skips.
     """
 
     def __init__(self, rate_hz: float | None, latency_s: float = 0.0, *, gaps_visible: bool = True) -> None:
@@ -103,16 +106,19 @@ class SampleClock:
         return (arrival_ns - first_ns) - self._period() * (counter - first_counter)
 
     def _period(self) -> float:
-        if self._period_ns is not None:
-            return self._period_ns
         (first_counter, first_ns), (last_counter, last_ns) = self._points[0], self._points[-1]
-        return (last_ns - first_ns) / max(last_counter - first_counter, 1)
+        count, passed_ns = max(last_counter - first_counter, 1), last_ns - first_ns
+        if self._period_ns is not None:
+            off_ns = abs(passed_ns - self._period_ns * count)
+            if off_ns <= max(WRONG_RATE_NS, WRONG_RATE_SHARE * passed_ns):
+                return self._period_ns
+        return passed_ns / count
 
     def _fit(self, points: list[tuple[int, int]]) -> Line:
         origin_counter, origin_ns = points[0]
         counters = np.array([point[0] - origin_counter for point in points], dtype=np.float64)
         arrivals = np.array([point[1] - origin_ns for point in points], dtype=np.float64)
-        free = arrivals[-1] > FREE_SLOPE_SPAN_NS or self._period_ns is None
+        free = arrivals[-1] > FREE_SLOPE_SPAN_NS or self._period() != self._period_ns
         if free and len(points) > 1:
             offset, slope = lower_line(counters, arrivals)
         else:

@@ -7,7 +7,7 @@ the cross value is stated nowhere and is asked. With ``chain`` the volumetric fi
 that the kernel's own model of the axes gives them, and the squarenesses.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -126,6 +126,16 @@ class Beckhoff:
             ControlFile(name=_CSV_NAME, data=csv.render(tables, options.decimals, notes, _squareness(options))),
             ControlFile(name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"),
         )
+
+    def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
+        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; of a volumetric file the NC program decides, and no file."""
+        numbers = profile.options_as(BeckhoffOptions).axis_numbers
+        return {parameter_list.switch_name(numbers[table.output_axis]): "1" for table in tables if table.kind == SSFK}
+
+    def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
+        """Return the same of lists that were copied out."""
+        lists = [file for file in without_notes(files) if b"kw." in file.data]
+        return {name: value for file in lists for name, value in parameter_list.switches_in(file).items()}
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of ISG_CSV files and axis lists."""

@@ -17,6 +17,7 @@ _UNITS_PER_MM = 10000.0
 QUANTUM_UM = 0.1
 """Least value of a list."""
 _LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)\Z")
+SWITCH = "lr_param.ssfk"
 _MASTER_WORDS = ("slave_ax_nr", "master_ax_nr")
 Values = Mapping[str, tuple[str, str]]
 
@@ -48,6 +49,18 @@ def read(file: ControlFile, profile: Profile, numbers: Mapping[str, int], senses
     if any(key.startswith("kw.crosscomp.") for key in values):
         tables.append(_cross(file, values, letters, letters[axis], profile, senses))
     return tables
+
+
+def switches_in(file: ControlFile) -> dict[str, str]:
+    """Return the switch of the leadscrew error of an axis list, ``lr_param.ssfk`` (P-AXIS-00175), by the axis; {} where it has none."""
+    values = _values(file)
+    axis, switch = values.get("kopf.achs_nr"), values.get(SWITCH)
+    return {} if axis is None or switch is None else {switch_name(axis[1]): switch[1]}
+
+
+def switch_name(number: int | str) -> str:
+    """Return the name of the switch of an axis."""
+    return f"{SWITCH} of axis {number}"
 
 
 def _ssfk_lines(tables: Sequence[Table]) -> Iterator[str]:

@@ -17,7 +17,19 @@ from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
-from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL, INTERVAL, SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
+from stepdiag.exporters.fanuc.parameters import (
+    BIDIRECTIONAL,
+    DISABLED,
+    INTERVAL,
+    SET_BY_HAND,
+    Key,
+    fitted,
+    parameter_rows,
+    parameters_of,
+    stored_in,
+    switch_name,
+    switches_in,
+)
 from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
 from stepdiag.exporters.fanuc.reading import read_tables
 from stepdiag.exporters.fanuc.straightness import given_to
@@ -134,6 +146,19 @@ class Fanuc:
         if not new:
             _require_interval([read_punch(file) for file in own], profile)
         return self.parse(files, profile) if files else ()
+
+    def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
+        """Return 8135#0 and 3605#0 of the axes with pitch data, as far as the machine's own files have them: series differ in them."""
+        needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
+        both = {axis: text for (number, axis), text in needed.items() if number == BIDIRECTIONAL}
+        wanted = {switch_name(DISABLED, None): "0"}
+        wanted |= {switch_name(BIDIRECTIONAL, axis): both.get(axis, "0") for number, axis in needed if number == INTERVAL}
+        own = switches_in([read_punch(file) for file in profile.existing])
+        return {name: value for name, value in wanted.items() if name in own}
+
+    def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
+        """Return the same of files that were punched out."""
+        return switches_in([read_punch(file) for file in files])
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
         """Return the machine's own punch files: an export changes only numbers that stand in them."""

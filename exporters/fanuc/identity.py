@@ -12,12 +12,13 @@ import msgspec
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
+from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL, DISABLED, MOST_AXES
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.fanuc.straightness import found_in
 from stepdiag.exporters.tables.profile import Profile
 
 AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
-OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, 33)
+OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, MOST_AXES + 1)
 """Parameters that a file has for each axis or for none, and the numbers of axes that are looked for."""
 _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 """Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
@@ -25,7 +26,7 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 
 def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
     """Yield an error or a warning for all that the machine's own files say against the profile; what is not there says nothing."""
-    if _bit(masters, 8135, None, 0):
+    if _bit(masters, DISABLED, None, 0):
         yield finding("error", message("machine-file-differs.disabled"))
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
         yield finding("warning", message("units-not-metric.machine"))
@@ -56,7 +57,7 @@ def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: 
             "error",
             message("machine-file-differs.reference", number=axis.number, found=reference, stated=axis.reference_point, letter=letter),
         )
-    if _bit(masters, 3605, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
+    if _bit(masters, BIDIRECTIONAL, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
         yield finding("error", message("machine-file-differs.bidirectional", number=axis.number, letter=letter))
     if _bit(masters, 1006, axis.number, 3):
         yield finding("warning", message("machine-file-differs.diameters", number=axis.number, letter=letter))

@@ -15,6 +15,9 @@ Key = tuple[int, int | None]
 """A parameter number, and the axis (A1 ..) or None for one that belongs to no axis."""
 BIDIRECTIONAL = 3605
 """Parameter whose bit 0 (BDP, the last digit) switches bidirectional compensation on."""
+DISABLED = 8135
+"""Parameter whose bit 0 (NPE) takes stored pitch error compensation out of use (0i-D)."""
+MOST_AXES = 32
 INTERVAL = 3624
 SET_BY_HAND = (3620, 3621, 3622, 3623, INTERVAL)
 """Parameters that the report names, to be set once by hand where no parameter file of the machine was given."""
@@ -52,6 +55,18 @@ def parameters_of(tables: Sequence[Table], profile: Profile, options: FanucOptio
     for table in tables:
         found |= _parameters(table, profile, options)
     return found
+
+
+def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
+    """Return the switches that punch files hold: 8135#0 (NPE, 0i-D: 1 takes all pitch error compensation out) and 3605#0 of each axis."""
+    keys: list[Key] = [(DISABLED, None), *((BIDIRECTIONAL, axis) for axis in range(1, MOST_AXES + 1))]
+    found = {key: text for key in keys for master in punched if (text := master.parameter(*key)) is not None}
+    return {switch_name(*key): text[-1] for key, text in found.items()}
+
+
+def switch_name(number: int, axis: int | None) -> str:
+    """Return bit 0 of a parameter as manuals write it."""
+    return f"{number}#0" + ("" if axis is None else f" A{axis}")
 
 
 def _parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[Key, str]:

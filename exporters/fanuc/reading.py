@@ -180,6 +180,6 @@ class _Reader:
         if text is None and default is not None:
             return default
         if text is None:
-            remedy = "add the punched parameters" + (f", or state {field} as the export report says" if field else "")
+            remedy = message("punched-or-field", field=field) if field else message("punched-parameters")
             raise DataError(where, expected=message("a-value"), found=message("nothing"), remedy=remedy)
         return whole(text.removesuffix(".0").removesuffix("."), where)

@@ -12,7 +12,6 @@ from stepdiag.base.compensation import Statement, stated_in
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
-from stepdiag.base.result.members import ActiveFile
 from stepdiag.base.result.result import Result
 from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
@@ -91,7 +90,3 @@ def _differs(profile: Profile, expected: Message, missing: Iterable[str], other:
         found=message("comma-list", items=found) if found else message("other-files"),
         remedy=message("very-tables"),
     )
-
-
-def _listed(files: Iterable[ActiveFile]) -> str:
-    return ", ".join(file.name for file in files)

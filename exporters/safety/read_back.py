@@ -22,7 +22,7 @@ STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
     "fanuc": "Punch pitch data and parameters out again (SYSTEM > PITCH > PUNCH, SYSTEM > PARAM > PUNCH).",
     "heidenhain": "Copy the .COM tables and the .CMA file out of the control again.",
-    "beckhoff": "Copy the files out of the folder that the configuration names: those that the control loaded, not those that were sent.",
+    "beckhoff": "Copy the loaded files out of the folder that the configuration names, axis lists with their lr_param.ssfk.",
     "linuxcnc": "Start `/usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp` (joint, file), run READ_BACK.ngc.",
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
@@ -54,19 +54,11 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
     wanted = controller.parse([file for file in written if file.role == "data"], profile)
     plain = [as_data(file) for file in held]
     try:
-        found = {table.identity: table for table in controller.parse(plain, profile)}
+        findings = [*_of_tables(wanted, controller.parse(plain, profile))]
     except (DataError, UsageError) as error:  # a loading that ended half way leaves a table without its grid
         if not all(controller.recognises(file) for file in plain):
             raise
-        unfit = finding("error", message("read-back-differs.unfit", why=error.message))
-        return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=0, findings=(unfit,))
-    known = {table.identity for table in wanted}
-    findings = [item for table in wanted for item in _of_table(table, found.get(table.identity))]
-    findings += [
-        finding("error", message("read-back-differs.beside", label=table.label))
-        for identity, table in found.items()
-        if identity not in known and table.value_um.any()
-    ]
+        findings = [finding("error", message("read-back-differs.unfit", why=error.message))]
     stated: Mapping[str, str] = {}
     if isinstance(controller, Switching):
         stated, now = controller.switches(wanted, profile), controller.held_switches(plain)
@@ -78,6 +70,16 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
             if now.get(name) != value
         ]
     return ReadBack(numbers=sum(len(table.value_um) for table in wanted), switches=len(stated), findings=tuple(findings))
+
+
+def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
+    """Yield what differs of every table that was written, and every table that acts beside them."""
+    found, known = {table.identity: table for table in held}, {table.identity for table in wanted}
+    for table in wanted:
+        yield from _of_table(table, found.get(table.identity))
+    for identity, table in found.items():
+        if identity not in known and table.value_um.any():
+            yield finding("error", message("read-back-differs.beside", label=table.label))
 
 
 def as_data(file: ControlFile) -> ControlFile:

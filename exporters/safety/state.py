@@ -9,7 +9,8 @@ so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k where it
 log normal (`SIZES`, one k for all tables of a kind), and the share has an uncertainty of its own from that of the result. The odds of "on"
 against "off" are the ratio of the likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or of before a repair, shows any share (`ALIEN`). That is so of all tables of a kind with the odds
+A table of another machine, or of before a repair, shows any share (`ALIEN`), and a function unlike it: more is left of the function beside
+the share than CHANGED of e, which speaks against both states. That is so of all tables of a kind with the odds
 `ALIEN_ODDS`, a third explanation, which takes the odds away where neither of the two fits; and of each table by itself with the
 probability `ALIEN_ODDS`, whatever the state: one function that was repaired says nothing of the others.
 
@@ -50,12 +51,16 @@ _LOG_K = np.linspace(-1.0, 1.0, 81)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right."""
+    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right.
+
+    ``rest`` is what of the function is not the table's, as a share of the table; 0 of a squareness, which is one number.
+    """
 
     name: str
     kind: str
     value: float
     u: float
+    rest: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +98,8 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
     if not old.any():
         return None
     u = float(np.abs(old) @ function.u) / float(old @ old)  # nodes that err together, which is the most that they can do
-    return _seen(name, tables, regress(measured, old).factor, u)
+    fit = regress(measured, old)
+    return _seen(name, tables, fit.factor, u, fit.rest_um / fit.asked_um)
 
 
 def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
@@ -113,9 +119,9 @@ def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table
     return _seen(name, tables, found.value / old_urad, found.u / abs(old_urad))
 
 
-def _seen(name: str, tables: Sequence[Table], value: float, u: float) -> Share | None:
+def _seen(name: str, tables: Sequence[Table], value: float, u: float, rest: float = 0.0) -> Share | None:
     kind = "+".join(sorted({table.kind for table in tables}))
-    return Share(name=name, kind=kind, value=value, u=u) if u <= SEEN else None
+    return Share(name=name, kind=kind, value=value, u=u, rest=rest) if u <= SEEN else None
 
 
 def _error_um(tables: Sequence[Table], at: Vector) -> Vector:
@@ -160,7 +166,8 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
     """Return the logarithm of the likelihood of a share that is of this function, for each size of `_LOG_K`."""
     whole = np.exp(-_LOG_K)
     u = np.hypot(share.u, CHANGED * whole)
-    return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2)
+    unlike = np.maximum((share.rest / u) ** 2 - 1.0, 0.0)
+    return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2 - 0.5 * unlike)
 
 
 def apart(group: Judged, *, acted: bool) -> list[str]:

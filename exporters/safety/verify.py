@@ -245,6 +245,13 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     )
 
 
+def acting_in(
+    result: Result, controller: Controller, files: Sequence[ControlFile], profile: Profile
+) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
+    """Return the tables that act after files have been loaded, and those that acted while the result was measured."""
+    return _standing(controller, files, tables_in(controller, files, profile), profile).acting(result, profile)
+
+
 def _standing(controller: Controller, files: Sequence[ControlFile], tables: tuple[Table, ...], profile: Profile) -> Standing:
     """Return what stands in the control before and after loading; without files of its own, what was read."""
     if not profile.existing:

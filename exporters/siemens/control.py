@@ -154,7 +154,9 @@ class Siemens:
                 _require_full_effect(file, table, profile)
                 key = (table.kind, str(sorted(table.place.items())))
                 if key in found and not _same(found[key][0], table):
-                    raise DataError(file.name, expected=message("same-as-in", label=table.label, file=found[key][1]), found="another")
+                    raise DataError(
+                        file.name, expected=message("same-as-in", label=table.label, file=found[key][1]), found=message("another-one")
+                    )
                 found.setdefault(key, (table, file.name))
         return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
 

@@ -2,7 +2,8 @@
 
 The file that it leaves has the form of a data file, so that everything that reads the machine's own files reads it. WRITE appends a line to
 a file of the passive file system, no longer than MD11420 allows (NC Programming, SINUMERIK ONE, p. 566); how many digits a number has that
-"<<" joins to a text is not stated there.
+"<<" joins to a text is not stated there. DELETE with a fault and a path is read in a published program for the 810D
+(industrialmonitordirect.com, deleting programs with an invalid name). Recalled: AXSTRING, the name of an axis as a text.
 """
 
 from collections.abc import Iterator, Sequence

@@ -63,7 +63,7 @@ class Head:
 
     The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d + extra_path_mm / 2``: the whole
     way from the source's pivot to the cube, and half of the extra way from the cube back to the QD. A lever found by
-    `solver.fourdof.commissioning.signs_and_lever` holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
+    the lever that `fourdof commission` writes holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
     """
 
     qd: Detector = field(default_factory=Detector)

@@ -81,16 +81,19 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 
 def render_angles(angles: Angles) -> str:
-    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same functions."""
+    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same functions: a row for each uncertainty."""
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
         for position in sorted({float(at) for known in mine if known for at in known.position_mm}):
             values = [_at(known.position_mm, known.value_urad, position) if known else math.nan for known in mine]
-            u = [_at(known.position_mm, known.u_urad, position) for known in mine if known]
-            stated = [value for value in u if not math.isnan(value)]
-            fields = [*values, max(stated) if stated else math.nan]
-            lines.append(f"{letter},{position:.6f}," + ",".join("" if math.isnan(value) else f"{value:.6f}" for value in fields))
+            every_u = [_at(known.position_mm, known.u_urad, position) if known else math.nan for known in mine]
+            texts = ["" if math.isnan(u) else f"{u:.6f}" for u in every_u]
+            for text in dict.fromkeys(text for text, value in zip(texts, values, strict=True) if not math.isnan(value)):
+                same = [value if text == own else math.nan for value, own in zip(values, texts, strict=True)]
+                lines.append(
+                    f"{letter},{position:.6f}," + ",".join("" if math.isnan(value) else f"{value:.6f}" for value in same) + f",{text}"
+                )
     return "\n".join(lines) + "\n"
 
 

@@ -8,25 +8,29 @@ from stepdiag.base.readings.runs import Run
 from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS
 from stepdiag.solver.planning.information import Aim, Zone
 
+PITCH_AND_YAW = tuple(name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """``head``: there is a 4-DOF head; ``head_u_urad``: pitch and yaw from a run of it. ``shift_mm``: how far a beam or a mirror can be
-    shifted beside its usual line. ``aim``: what the control that is to be corrected holds; ``zone``: where in the volume it has to be
-    right. ``in_step``: increments that meet a wave of the screws always in the same place.
+    """``head``: there is an instrument of angles; ``head_turns``: the functions that its runs measure, pitch and yaw of a 4-DOF head, and
+    ``head_u_urad`` how well. ``shift_mm``: how far a beam or a mirror can be shifted beside its usual line. ``aim``: what the control that
+    is to be corrected holds; ``zone``: where in the volume it has to be right. ``in_step``: increments that meet a wave of the screws
+    always in the same place.
     """
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)
     head: bool = True
     head_u_urad: float = 1.0
+    head_turns: tuple[str, ...] = PITCH_AND_YAW
     shift_mm: float = 150.0
     aim: Aim = "lattice"
     zone: Zone | None = None
     in_step: tuple[int, ...] = ()
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
-        """Return the ranges of pitch and yaw of every axis that runs of the head measure, known to its uncertainty; of no roll."""
+        """Return the ranges of the functions that runs of the head measure, known to its uncertainty."""
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
-        names = [name for name in ROTATIONS if name[2] in axes and name[1] != "ABC"[AXIS_LETTERS.index(name[2])]]
+        names = [name for name in self.head_turns if name[2] in axes]
         return {name: min(2.0 * self.head_u_urad, self.assumed.angle_range_urad(name)) for name in names}

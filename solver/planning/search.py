@@ -74,7 +74,9 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
     for name in LINEAR_RUNS:
         first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
         lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
-    lines += [(name, (0.0, 0.0, 0.0)) for name in (FOURDOF_RUNS if about.head else ())]
+    lines += [
+        (name, (0.0, 0.0, 0.0)) for name in FOURDOF_RUNS if about.head and any(turn[2] == name[-1].upper() for turn in about.head_turns)
+    ]
     targets = max((run.targets for run in survey.runs), default=0)
     runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset, targets=targets) for name, offset in lines]
     return tuple(dict.fromkeys(run for run in runs if _travels(survey.volume, run)))
@@ -108,31 +110,42 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 
 class Exchange:
-    """What the lines on offer tell where they are driven in one way, and the search among them."""
+    """What the lines on offer tell where they are driven in one way, and the search among them.
 
-    def __init__(self, survey: Plan, about: Circumstances, lines: Sequence[Run], ways: Ways) -> None:
+    ``done`` are runs that are driven already, each in its own way; the last of them still stands. Lines are weighed on ``weighed_on``
+    increments.
+    """
+
+    def __init__(
+        self, survey: Plan, about: Circumstances, lines: Sequence[Run], ways: Ways, done: Sequence[Run] = (), weighed_on: int = COARSE
+    ) -> None:
         self._survey, self._about, self._ways = replace(survey, runs=()), about, ways
         self.lines = tuple(lines)
-        coarse = replace(survey.volume, increments=COARSE)
-        laser = [run for run in lines if not run.is_fourdof]
-        named = [replace(ways.of(run), setup=f"{run.setup}+{place + 1}", targets=0) for place, run in enumerate(laser)]
+        coarse = replace(survey.volume, increments=weighed_on)
+        laser = [run for run in (*map(ways.of, lines), *done) if not run.is_fourdof]
+        named = [replace(run, setup=f"{run.travel.base}+{place + 1}", targets=0) for place, run in enumerate(laser)]
         layout = lay_out(perfect_readings(Plan(volume=coarse, runs=tuple(named)), about.assumed.reading_um), "plan", coarse)
-        self._ahead = Foresight(layout=layout, chain=about.chain, assumed=about.assumed, increments=COARSE, aim=about.aim, zone=about.zone)
+        self._ahead = Foresight(
+            layout=layout, chain=about.chain, assumed=about.assumed, increments=weighed_on, aim=about.aim, zone=about.zone
+        )
         each = dict(zip((setup.name for setup in layout.setups), self._ahead.told.each, strict=True))
         names = iter(run.setup for run in named)
         nothing = np.zeros_like(self._ahead.told.each[0])
         self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
         self._head = np.array([run.is_fourdof for run in lines])
-        self._usual, self._seen = self._ahead.of.precision(), self._ahead.of.seen
-        self._setting_min = np.array([setup_minutes(self._survey, run) for run in lines])
+        known = [each[name] for name in names]
+        self._usual, self._seen = self._ahead.of.precision() + np.sum([nothing, *known], axis=0), self._ahead.of.seen
+        self._measured = [run for run in done if run.is_fourdof]
+        stands = replace(self._survey, runs=tuple(done[-1:]))
+        self._setting_min = np.array([setup_minutes(stands, run) for run in lines])
         self._driving_min: dict[int, Vector] = {}
 
     def _driving(self, increments: int) -> Vector:
         if increments not in self._driving_min:
             timed = replace(self._survey, volume=replace(self._survey.volume, increments=increments))
-            minutes = np.array([run_minutes(timed, self._ways.of(run)) for run in self.lines])
-            self._driving_min[increments] = minutes - self._setting_min
+            ways = [self._ways.of(run) for run in self.lines]
+            self._driving_min[increments] = np.array([run_minutes(timed, run) - setup_minutes(timed, run) for run in ways])
         return self._driving_min[increments]
 
     def beside_um2(self, increments: int) -> float:
@@ -167,12 +180,20 @@ class Exchange:
     def _covariance(self, chosen: Sequence[int]) -> Vector:
         some = list(chosen)
         precision = self._usual + np.sum(self._each[some], axis=0)
-        measured = [self.lines[place] for place in some if self._head[place]]
+        measured = self._measured + [self.lines[place] for place in some if self._head[place]]
         return inverse(precision + np.diag(_known_angles(self._ahead, self._about, measured)) if measured else precision)
 
     def square_um2(self, chosen: Sequence[int]) -> float:
         """Return the mean square over the volume of what lines leave, without what no line lowers."""
         return float(np.sum(self._covariance(chosen) * self._seen))
+
+    def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
+        """Return by how much lines lower the mean square of the error of one machine, mean and standard deviation: the error without them
+        is that with them and what they add to the knowledge, which are independent."""
+        with_them = self._covariance(chosen) @ self._seen
+        added = self._covariance(()) @ self._seen - with_them
+        variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
+        return float(np.trace(added)), float(np.sqrt(variance))
 
     def _changed(self, chosen: Sequence[int], lines: NDArray[np.int64], sign: float) -> Vector:
         """Return the mean square with each of some further lines (``sign`` +1) or without each of those chosen (-1), shape (lines,)."""

@@ -170,7 +170,7 @@ def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
     """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Refused without both directions and two runs of each."""
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
-        raise DataError("VDI/DGQ 3441", expected=message("two-runs-more-both"), found="fewer")
+        raise DataError("VDI/DGQ 3441", expected=message("two-runs-more-both"), found=message("fewer"))
     up, down = runs.up_um.mean(axis=1), runs.down_um.mean(axis=1)
     middle, reversal, scatter = (up + down) / 2, np.abs(up - down), 6 * (s_up + s_down) / 2
     half_width = (reversal + scatter) / 2

@@ -151,32 +151,51 @@ def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judge
         if name not in tolerance:
             continue
         if name in drawn:
-            low, middle, high = np.quantile(drawn[name], (TAIL, 0.5, 1.0 - TAIL)).tolist()
-            within = float(np.mean(drawn[name] <= tolerance[name]))
-            known = Interval(value_um=middle, low_um=low, high_um=high, within=within)
+            known = _interval(*drawn[name], tolerance[name])
             yield _of_interval(name, unit, tolerance[name], known)
         else:
             yield _of_number(name, unit, tolerance[name], *_range(function))
 
 
-def _drawn(result: Result, names: list[str]) -> dict[str, Vector]:
-    """Return the range (largest less smallest value) of functions of machines drawn from the posterior, shape (draws,) by name.
+def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
+    """Return the range (largest less smallest value) of functions of machines drawn from the posterior, shape (draws,), and as found.
 
-    Straightness and a function whose slope is not identified have their end-point line removed.
+    Straightness and a function whose slope is not identified have their end-point line removed. Deviations have the correlations of the
+    posterior and the u that the result states.
     """
     if result.posterior is None or not names:
         return {}
-    deviations, amount, found = result.posterior.deviations(), result.posterior.drawn(DRAWS), {}
+    deviations, amount = result.posterior.deviations(), result.posterior.drawn(DRAWS)
+    drawn: dict[str, tuple[Vector, float]] = {}
     for name in names:
         function = result.errors.get(name)
         if name in deviations and function is not None and function.value is not None:
             at = result.posterior.position_mm[name[2]]
-            machines = np.interp(at, function.position_mm, function.value) + amount @ deviations[name]
-            if (name in DISPLACEMENTS and name not in POSITIONING) or not function.slope_identified:
-                share = (at - at[0]) / (at[-1] - at[0])
-                machines = machines - machines[:, :1] - (machines[:, -1:] - machines[:, :1]) * share
-            found[name] = np.ptp(machines, axis=1)
-    return found
+            lined = (name in DISPLACEMENTS and name not in POSITIONING) or not function.slope_identified
+            share = (at - at[0]) / (at[-1] - at[0]) * lined
+            moved, found = (
+                rows - lined * rows[:, :1] - (rows[:, -1:] - rows[:, :1]) * share
+                for rows in (deviations[name], np.interp(at, function.position_mm, function.value)[None])
+            )
+            if function.u is not None:
+                own = np.sqrt(np.sum(moved[1:] ** 2, axis=0))
+                stated = np.interp(at, function.position_mm, function.u)
+                moved[1:] *= np.divide(stated, own, out=np.ones_like(own), where=own > 0)
+            drawn[name] = np.ptp(found + amount @ moved, axis=1), float(np.ptp(found))
+    return drawn
+
+
+def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
+    """Return the interval of a range from ranges of drawn machines, ``found`` is that of the function found.
+
+    Noise makes a range longer: the one found holds it once, the draws around it twice. The upper end stays that of the draws, so that no
+    machine is accepted for a short range by chance; the lower one is below the machine's range, by the bias of the draws taken off twice
+    or by the pivotal interval (2 found - high), whichever is lower. A function of zeros was taken out: what is drawn around it is left.
+    """
+    low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
+    if found:
+        low = max(min(low, low - 2.0 * (middle - found), 2.0 * found - high), 0.0)
+    return Interval(value_um=middle, low_um=low, high_um=high, within=float(np.mean(drawn <= tolerance)))
 
 
 def _range(function: Function | None) -> tuple[float | None, float | None]:

@@ -75,7 +75,7 @@ def number_in(fields: Mapping[str, str], name: str, where: str, *, optional: boo
         value = math.nan
     if not abs(value) <= LARGEST or value < least:
         remedy = message("write-decimals-with-point") if "," in text else ""
-        expected = "a finite number" + (" from 0 up" if least == 0 else "")
+        expected = message("finite-number-from-0") if least == 0 else message("finite-number")
         raise DataError(f"{where}: {name}", expected=expected, found=repr(text), remedy=remedy)
     return value
 

@@ -5,6 +5,7 @@ What is there is kept unless the caller says otherwise.
 Text is UTF-8 with LF wherever it is written.
 """
 
+import hashlib
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -19,6 +20,7 @@ LARGEST_SETTINGS_BYTES = 1_000_000
 """The largest file of settings that a person writes: a survey, a profile, a calibration."""
 LARGEST_TABLE_BYTES = 4_000_000
 """The largest file of a machine that a profile names, and the largest that goes into a log."""
+HASH_SUFFIX = ".sha256"
 FILE_SUFFIXES = (".csv", ".docx", ".htm", ".html", ".ini", ".json", ".mcap", ".mpf", ".parquet", ".pdf", ".png", ".rtl", ".svg", ".toml",
                  ".txt", ".xlsx", ".xml", ".zip")  # fmt: skip
 """Endings of files: a name with one of these is not meant as that of a folder."""
@@ -95,6 +97,35 @@ def holds(path: Path, data: bytes) -> bool:
 def write_once(path: Path, text: str) -> None:
     """Write a text file atomically; its folder is made. The same bytes may be written again; other bytes are refused (UsageError)."""
     write_together({path: text.encode("utf-8")}, over=False)
+
+
+def write_hashed(path: Path, text: str) -> None:
+    """Write a text file and beside it its SHA-256 (``NAME.sha256``, as ``sha256sum --check`` reads it), both or neither.
+
+    The same bytes may be written again; other bytes are refused (UsageError).
+    """
+    data = text.encode("utf-8")
+    line = f"{hashlib.sha256(data).hexdigest()}  {path.name}\n"
+    write_together({_hash_beside(path): line.encode("utf-8"), path: data}, over=False)
+
+
+def read_hashed(path: Path) -> str:
+    """Return a text file whose bytes have the hash that stands beside it; where none does, as it stands: another program wrote it.
+
+    A digit that a disk turned over would be another figure. Raises DataError for other bytes, and as `read_text`.
+    """
+    data = read_bytes(path)
+    if _hash_beside(path).is_file():
+        stated, found = read_bytes(_hash_beside(path), largest=LARGEST_SETTINGS_BYTES), hashlib.sha256(data).hexdigest()
+        # the name behind it is no part: file and hash may have been copied to another one
+        if stated[:66] != f"{found}  ".encode("ascii") or not stated.endswith(b"\n"):
+            expected = f"SHA-256 {as_text(stated[:64], _hash_beside(path).name)}"
+            raise DataError(str(path), expected=expected, found=found, remedy=message("result-solve-again"))
+    return as_text(data, str(path)).removeprefix("\ufeff")
+
+
+def _hash_beside(path: Path) -> Path:
+    return path.with_name(path.name + HASH_SUFFIX)
 
 
 def refuse_existing(path: Path) -> None:

@@ -1,7 +1,9 @@
 """The chain of custody: from a certificate back to the logs, link by link, and every figure computed again.
 
 certificate -> laboratory's file, result, files, report, certificates of the equipment     by SHA-256
-files, report -> result                                                                    the hash that they name
+files       -> result                                                                      the hash that they name
+report      -> result, files, settings                                                     rendered again, compared to the byte
+PDF         -> report, certificate                                                         printed again, compared to the byte
 result      -> logs, or readings and the files beside them                                 by SHA-256
 logs        -> result                                                                      solved again
 result      -> certificate                                                                 written again, compared element by element
@@ -12,31 +14,36 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.base.files import as_text, read_bytes, read_text
+from stepdiag.base.files import as_text, read_bytes, read_hashed, read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Source
 from stepdiag.base.result.result import Result, parse_result, same_result
+from stepdiag.certificate.archival import archival, attached_in
 from stepdiag.certificate.document import Link, certificate_of
 from stepdiag.certificate.elements import DCC, SI, document
+from stepdiag.certificate.reports import follows, is_rendered
 from stepdiag.completion.completion import replay_judged, solve_logs
 from stepdiag.completion.readings_file import Beside, solve_readings_file
 from stepdiag.daq.recording.archive import digest, index_holds
 from stepdiag.daq.recording.verdicts import ACCEPTED, DATED, JUDGED, verdicts_in
 from stepdiag.daq.survey.environment import parse_environment
 from stepdiag.report.laboratory import read_laboratory, sha256_of
+from stepdiag.report.output import printed
 
 LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = "log", "result", "result_as_left", "laboratory", "file", "report"
-ONCE = (RESULT, LEFT, LABORATORY)
+READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
+ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
 """Roles that a certificate names once at most."""
 PERSONS = {"accepted": ACCEPTED, "dated": DATED, "judged": JUDGED}
 """Roles of what stands beside logs: words of persons, and of the solver."""
 AS_LEFT = "_as_left"
-NAMES_ITS_RESULT = {(FILE, "EXPORT_REPORT.txt"), (REPORT, ".html")}
-"""Role with the name or the ending of a file that names the SHA-256 of its result."""
+NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
+"""A file of an export that names the SHA-256 of its result."""
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 MOST_FILES = 20_000
 """Files of a folder that are read to find the links."""
@@ -64,7 +71,7 @@ class Verified(NamedTuple):
 def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
     """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``.
 
-    Raises DataError for a report of an export, or a report, that names another result.
+    Raises DataError for a report of an export that names another result, and for a report that is not the one that all these give.
     """
     found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result)), *_persons(result.parent, "")]
     if left is not None:
@@ -73,18 +80,28 @@ def links_of(result: Path, stated: Path | None, *, left: Path | None = None, fil
     if stated is not None:
         found.append((LABORATORY, stated.name, sha256_of(stated)))
     results = [sha for role, _, sha in found if role in (RESULT, LEFT)]
+    held = {(role, path.name, sha256_of(path)): path for role, path in files}
+    held |= {link: result.parent / link[1] for link in found if link[0] == READINGS and (result.parent / link[1]).is_file()}
+    known = {RESULT: result, LEFT: left, LABORATORY: stated}
+    held |= {link: path for link in found if (path := known.get(link[0])) is not None}
     for role, path in files:
-        if of_another_result(role, path.name, path, results):
+        if of_another_result(path.name, path, results):
             raise DataError(path.name, expected=message("result-with-sha256", sha256=results[0]), found=message("custody-another-result"))
-    return found + [(role, path.name, sha256_of(path)) for role, path in files]
+        if role == REPORT and is_rendered(path.name) and not _follows(path, held):
+            raise DataError(path.name, expected=message("report-of-these"), found=message("custody-another-report"))
+    return found + [link for link in held if link not in found]
 
 
-def of_another_result(role: str, name: str, path: Path, results: Sequence[str]) -> bool:
+def of_another_result(name: str, path: Path, results: Sequence[str]) -> bool:
     """Return whether a file that by its ``name`` names the SHA-256 of its result names none of ``results``."""
-    if not NAMES_ITS_RESULT & {(role, name), (role, Path(name).suffix.lower())}:
-        return False
-    data = read_bytes(path)
-    return not any(sha.encode() in data for sha in results)
+    return name == NAMES_ITS_RESULT and not any(sha.encode() in read_bytes(path) for sha in results)
+
+
+def _follows(report: Path, held: Mapping[Link, Path]) -> bool:
+    """Return whether a report is the one that the things that its certificate names give."""
+    once = {role: path for (role, _, _), path in held.items() if role in ONCE}
+    readings = next((path for (role, _, _), path in held.items() if role == READINGS), None)
+    return follows(report, once, [path for (role, _, _), path in held.items() if role == FILE], readings)
 
 
 def _persons(folder: Path, suffix: str) -> list[Link]:
@@ -96,7 +113,7 @@ def _sources(result: Result) -> list[Link]:
 
 
 def _read(path: Path) -> Result:
-    return parse_result(read_text(path), path.name)
+    return parse_result(read_hashed(path), path.name)
 
 
 def accepted_in(folder: Path) -> list[str]:
@@ -122,6 +139,32 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
     except BrokenLinkError as broken:
         return Verified(len(links), figures, broken.link, signed)
     return Verified(len(links), figures, None, signed)
+
+
+def verify_archived(archived: Path, *folders: Path) -> Verified:
+    """Return what `verify_certificate` does of the certificate in a PDF, and whether its pages are the print of the report.
+
+    The report is printed again: another browser draws other bytes, and is named. Raises DataError for a PDF without a certificate,
+    DeviceError without a browser.
+    """
+    data = read_bytes(archived)
+    name, certificate, printer = attached_in(data, archived.name)
+    with TemporaryDirectory(prefix="stepdiag-verify-") as scratch:
+        path = Path(scratch) / Path(name).name
+        path.write_bytes(certificate)
+        found = verify_certificate(path, *folders)
+    if found.broken is not None:
+        return found
+    held = _held(custody_of(parsed(certificate, name)), folders)
+    report = next((path for (role, each, _), path in held.items() if role == REPORT and is_rendered(each)), None)
+    if report is None:
+        return found._replace(broken=message("custody-unnamed", role=REPORT))
+    again = archival(printed(read_bytes(report)), name, certificate)
+    here = attached_in(again, archived.name)[2]
+    if again == data:
+        return found
+    other = message("custody-print", name=archived.name)
+    return found._replace(broken=other if here == printer else message("custody-printer", name=archived.name, found=printer, here=here))
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
@@ -188,10 +231,6 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
     by_role = {role: held[role, name, sha] for role, name, sha in links if role in ONCE}
     if RESULT not in by_role or len(by_role) != sum(role in ONCE for role, _, _ in links):
         raise BrokenLinkError(message("custody-unnamed", role=RESULT))
-    results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
-    for role, name, sha in links:
-        if of_another_result(role, name, held[role, name, sha], results):
-            raise BrokenLinkError(message("custody-other-result", role=role, name=name))
     result = _again(by_role[RESULT], links, held, "")
     left = _again(by_role[LEFT], links, held, AS_LEFT) if LEFT in by_role else None
     accepted = next((held[link].parent for link in links if link[0] == "accepted"), None)
@@ -206,9 +245,21 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
     for one, other in zip_longest(_leaves(root), _leaves(again), fillvalue=NO_LEAF):
         if one != other:
             raise BrokenLinkError(message("custody-differs", place=one.place or other.place, found=one.text, expected=other.text))
+    _require_files(links, held)
     written = document(again)
     if written != data and (not signed or _canonical(written) != _canonical(data)):
         raise BrokenLinkError(message("custody-bytes"))
+
+
+def _require_files(links: Sequence[Link], held: Mapping[Link, Path]) -> None:
+    """Raise BrokenLinkError for a file of an export of another result, and for a report that what the certificate names does not give."""
+    results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
+    for link in links:
+        role, name, _ = link
+        if of_another_result(name, held[link], results):
+            raise BrokenLinkError(message("custody-other-result", role=role, name=name))
+        if role == REPORT and is_rendered(name) and not _follows(held[link], held):
+            raise BrokenLinkError(message("custody-report", name=name))
 
 
 def _canonical(data: bytes) -> str:
@@ -218,7 +269,8 @@ def _canonical(data: bytes) -> str:
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
     """Return the result as it is solved again from its sources. Raises BrokenLinkError where they are others, or say something else."""
-    result, data = _read(path), read_bytes(path)
+    data = read_bytes(path)
+    result = parse_result(as_text(data, path.name), path.name)  # its hash is compared with the certificate's
     sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]
     if tuple(sources) != (result.sources or ()) or not sources:
         raise BrokenLinkError(message("custody-sources", name=path.name))
@@ -230,7 +282,7 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
     text = replace(solved, software=result.software).to_json()
     if not same_result(data, text.encode()):
         raise BrokenLinkError(message("custody-result", name=path.name))
-    return parse_result(as_text(data, path.name), path.name)
+    return result
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:

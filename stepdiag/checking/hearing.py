@@ -6,12 +6,11 @@ Nothing is written to a machine. An instrument that speaks only when it is asked
 import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import msgspec
-from serial.tools import list_ports
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import Words
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
@@ -25,11 +24,11 @@ from stepdiag.daq.links.controls.machine import open_machine
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.serial import instrument_line
+from stepdiag.daq.links.ports.tty import present_ports
 from stepdiag.daq.recording.survey_links import machine_settings
 from stepdiag.daq.survey.composed import plc_section
 from stepdiag.daq.survey.models import Plc
 
-BY_ID = Path("/dev/serial/by-id")
 PROBED = ("modbus", "siemens-828d", "heidenhain")
 ANSWER_S = 10.0
 """How long a control may take to answer a question."""
@@ -59,7 +58,7 @@ class Heard:
     format: str
     baud: int
     data: bytes
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +72,7 @@ class Answered:
 
 def ports() -> list[PortSeen]:
     """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one."""
-    stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
-    return [
-        PortSeen(stable.get(each.device, each.device), each.description if each.description != "n/a" else each.device)
-        for each in list_ports.comports()
-    ]
+    return [PortSeen(name, words) for name, words in present_ports().items()]
 
 
 async def listen(port: str, baud: int, seconds: float) -> Heard:
@@ -127,12 +122,12 @@ async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard)
     while loop.time() < end and not found and not session.done():
         await asyncio.wait({session}, timeout=_LOOK_S)
         found = recognise(b"".join(chunks))
-    trouble = ""
+    trouble: Words = ""
     session.cancel()
     try:
         await session
     except DeviceError as error:
-        trouble = str(error)
+        trouble = error.message
     except asyncio.CancelledError:
         pass
     return Heard(found, baud, b"".join(chunks) or before.data, "" if found else trouble)

@@ -8,7 +8,9 @@ MODULES = (
     "run",
     "status",
     "accept",
+    "correct",
     "begin",
+    "stream",
     "solve",
     "runs",
     "logs",
@@ -16,8 +18,10 @@ MODULES = (
     "certificate",
     "control",
     "sign_test",
+    "proof",
     "program",
     "plan",
+    "ahead",
     "fourdof",
     "fleet",
     "publish",
@@ -30,6 +34,7 @@ LINUX_ONLY = frozenset(
         "check",
         "demo",
         "fleet",
+        "proof",
         "publish",
         "run",
         "service install",
@@ -37,6 +42,7 @@ LINUX_ONLY = frozenset(
         "service remove",
         "setup",
         "status",
+        "stream",
     }
 )
 """Commands that reach wires or a recorder, or confine what is open to the network: they use what Linux alone has."""

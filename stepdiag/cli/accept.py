@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
+
 if TYPE_CHECKING:
     from datetime import datetime
 
@@ -15,49 +18,38 @@ def register(app: typer.Typer) -> None:
 
 
 def accept(
-    survey: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
-    stop: Annotated[
-        str,
-        typer.Argument(help="What is doubted: ppp/1/5 is stop 5 of pass 1 of ppp, ppp/1 the whole pass, a finding's code all of its kind."),
-    ],
-    reason: Annotated[str, typer.Option(help="Why it may be used; it stands in the report.")],
-    name: Annotated[str, typer.Option(help="Who says so; default the user of this computer.")] = "",
-    begun: Annotated[
-        str | None, typer.Option(help="With clock-unset: when the first stop was captured, such as 2026-11-26T08:10 (local time).")
-    ] = None,
+    survey: Path,
+    stop: str,
+    reason: Annotated[str, typer.Option()],
+    name: str = "",
+    begun: str | None = None,
 ) -> None:
-    """Accept what is doubted, or state the time of a survey.
-
-    It is recorded beside the logs with name and time and stands in the report. `status` names what is doubted, and a clock
-    that was never set. A daemon that runs hears of it at once.
-    """
+    """Accept what is doubted, or state the time of a survey."""
     import getpass
     import time
 
     from stepdiag.base.errors import UsageError
-    from stepdiag.base.messages import message
     from stepdiag.daemon.survey_state import standing_of
     from stepdiag.daq.passes.survey_time import CODE
     from stepdiag.daq.recording.verdicts import accept as note
     from stepdiag.daq.recording.verdicts import doubts_at, state_time
-    from stepdiag.terminal.viewer import shown
 
     found = standing_of(survey)
     if found.round is None:
-        raise UsageError(str(survey), expected="a survey that was recorded", found="nothing recorded yet")
+        raise UsageError(str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet"))
     if stop == CODE:
         moment = _moment(begun)
         state_time(found.round, moment.timestamp(), reason=reason, name=name or getpass.getuser(), time_s=time.time())
-        typer.echo(f"the first stop of {found.round} is of {moment.isoformat(timespec='minutes')}")
+        print_words(message("first-stop-is", folder=str(found.round), moment=moment.isoformat(timespec="minutes")))
         return
     if begun is not None:
-        raise UsageError("--begun", expected=f"{CODE} as what is accepted", found=stop)
+        raise UsageError("--begun", expected=message("accepted-code", code=CODE), found=stop)
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
-        typer.echo(shown(message("accepted-doubt", place=doubt.place, what=doubt.words)))
+        print_words(message("accepted-doubt", place=doubt.place, what=doubt.words))
     for left in standing_of(survey).doubts:
-        typer.echo(shown(message("still-doubted", place=left.place, what=left.words)))
+        print_words(message("still-doubted", place=left.place, what=left.words))
 
 
 def _moment(text: str | None) -> "datetime":
@@ -72,6 +64,6 @@ def _moment(text: str | None) -> "datetime":
     except (ValueError, OverflowError):
         moment = None
     if moment is None or moment < BUILT:
-        expected = f"with {CODE} the time of the first stop, such as 2026-11-26T08:10, from {BUILT.date()} on"
-        raise UsageError("--begun", expected=expected, found=text or "nothing")
+        expected = message("first-stop-time", code=CODE, day=str(BUILT.date()))
+        raise UsageError("--begun", expected=expected, found=text or message("nothing"))
     return moment

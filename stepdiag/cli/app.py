@@ -11,10 +11,12 @@ from stepdiag.base.disk.system import LINUX
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli import LINUX_ONLY, MODULES
+from stepdiag.cli.helped import HelpedGroup
 from stepdiag.terminal.exits import failed_writing_shown, refusals_shown
 
 app = typer.Typer(
     name="stepdiag",
+    cls=HelpedGroup,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -31,9 +33,7 @@ def _say_version(asked: bool) -> None:
 
 @app.callback()
 def stepdiag(
-    _version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say the version, which every log names too.")
-    ] = False,
+    _version: Annotated[bool, typer.Option("--version", callback=_say_version, is_eager=True)] = False,
 ) -> None:
     """Volumetric calibration of machine tools with the laser vector (sequential step diagonal) method."""
 

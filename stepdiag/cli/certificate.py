@@ -7,7 +7,9 @@ from typing import Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.cli.fleet import extra_needed
+from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
@@ -19,61 +21,72 @@ def register(app: typer.Typer) -> None:
 
 
 def certificate(
-    result: Annotated[Path, typer.Argument(help="result.json, as `solve`, `replay` or `run` wrote it.")],
-    files: Annotated[list[Path] | None, typer.Argument(help="Compensation files, or the folder of an export.")] = None,
-    out: Annotated[Path, typer.Option(help="The certificate, FILE.xml.")] = Path("certificate.xml"),
-    laboratory: Annotated[
-        Path | None, typer.Option(help="Settings (TOML): laboratory, customer, item, persons and equipment (docs/laboratory.md).")
-    ] = None,
-    after: Annotated[Path | None, typer.Option("--as-left", help="The result of the survey after loading.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="The report that is handed over with it: named by its SHA-256.")] = None,
-    key: Annotated[Path | None, typer.Option(help="A private key (PEM): signs the certificate; needs stepdiag[certificate].")] = None,
-    key_certificate: Annotated[Path | None, typer.Option(help="The key's X.509 certificate (PEM).")] = None,
+    result: Path,
+    files: Annotated[list[Path] | None, typer.Argument()] = None,
+    out: Path = Path("certificate.xml"),
+    laboratory: Path | None = None,
+    after: Annotated[Path | None, typer.Option("--as-left")] = None,
+    report: Annotated[Path | None, typer.Option("--report")] = None,
+    letterhead: Path | None = None,
+    profile: Path | None = None,
+    pdf: Path | None = None,
+    key: Path | None = None,
+    key_certificate: Path | None = None,
 ) -> None:
-    """Write a result as a calibration certificate.
-
-    A digital one in XML (DCC 3.3.0). It names everything it rests on by its SHA-256.
-    `stepdiag verify FILE.xml` computes it again from the logs.
-    """
+    """Write a result as a calibration certificate."""
     if out.suffix.lower() != ".xml":
-        raise UsageError("--out", expected="a file FILE.xml", found=str(out))
+        raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
     if (key is None) != (key_certificate is None):
-        raise UsageError("--key, --key-certificate", expected="both", found="one of them")
+        raise UsageError("--key, --key-certificate", expected=message("both"), found=message("one-of-both"))
     files = [path for each in files or () for path in ([each] if each.is_file() else sorted(each.rglob("*"))) if path.is_file()]
-    given = [*(("file", path) for path in files), *([("report", report)] if report is not None else [])]
-    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate)
-    typer.echo(f"certificate: {out}; it rests on {links} things, the first result")
+    if pdf is not None and (report is None or report.suffix.lower() not in {".html", ".htm"}):
+        raise UsageError("--pdf", expected=message("with-option", option="--report FILE.html"), found=message("none"))
+    if pdf is not None and pdf.suffix.lower() != ".pdf":
+        raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
+    beside = (("report", report), ("letterhead", letterhead), ("profile", profile))
+    given = [*(("file", path) for path in files), *((role, path) for role, path in beside if path is not None)]
+    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate, pdf=pdf)
+    print_words(message("certificate-rests", path=str(out), count=links))
 
 
 def certify_folder(folder: Path) -> Path:
     """Write the certificate of a finished survey beside its logs, as a person at the page asks for it; return its path.
 
-    It names the files of every export and the report; ``laboratory.toml`` stands in the folder of the survey or above, where one is. A
-    certificate that is there stays: the next one has a number.
+    It names the files of every export, and a report of its own (``certificate.html``) that has the laboratory's file in it;
+    ``laboratory.toml`` stands in the folder of the survey or above, where one is. A certificate that is there stays: the next one has a
+    number.
     """
+    from stepdiag.base.files import read_text
+    from stepdiag.certificate.reports import language_of
+    from stepdiag.report.from_files import ReportFiles, report_from
+    from stepdiag.report.output import write_report
+
     laboratory = next((path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None)
     files = [("file", path) for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
-    report = [("report", path) for path in (folder / "report.html",) if path.is_file()]
     names = ("certificate.xml", *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)))
     out = next((folder / name for name in names if not (folder / name).exists()), folder / names[-1])
-    _write(folder, out, laboratory, [*files, *report])
+    completed = folder / "report.html"
+    language = language_of(read_text(completed)) if completed.is_file() else "en"
+    report = report_from(ReportFiles(result=folder / "result.json", laboratory=laboratory, language=language))
+    (written,) = write_report(report, out.with_suffix(".html"))
+    _write(folder, out, laboratory, [*files, ("report", written)])
     return out
 
 
 def _write(
     result: Path, out: Path, laboratory: Path | None, files: Sequence[tuple[str, Path]], *,
-    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None,
+    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None, pdf: Path | None = None,
 ) -> int:  # fmt: skip
     """Write a certificate; return how many things it rests on."""
     from stepdiag.base.files import write_together
     from stepdiag.certificate.custody import accepted_in, links_of
     from stepdiag.certificate.document import certificate_of
     from stepdiag.certificate.elements import document
-    from stepdiag.cli.report import read_result
+    from stepdiag.cli.report import read_result, result_file
     from stepdiag.report.laboratory import read_laboratory
 
     folder = result if result.is_dir() else result.parent
-    links = links_of(result / "result.json" if result.is_dir() else result, laboratory, left=left, files=files)
+    links = links_of(result_file(result), laboratory, left=left, files=files)
     made = certificate_of(
         read_result(result), read_laboratory(laboratory), links, left=None if left is None else read_result(left),
         accepted=accepted_in(folder) if any(role == "accepted" for role, _, _ in links) else (),
@@ -83,7 +96,15 @@ def _write(
         from stepdiag.certificate.signature import signed
 
         data = signed(data, key, key_certificate)
-    write_together({out: data}, over=False)
+    written = {out: data}
+    if pdf is not None:
+        from stepdiag.base.files import read_bytes
+        from stepdiag.certificate.archival import archival
+        from stepdiag.report.output import printed
+
+        report = next(path for role, path in files if role == "report")
+        written[pdf] = archival(printed(read_bytes(report)), out.name, data)
+    write_together(written, over=False)
     return len(links)
 
 
@@ -92,8 +113,11 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
 
     ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
     """
-    from stepdiag.certificate.custody import verify_certificate
+    from stepdiag.certificate.custody import verify_archived, verify_certificate
 
+    archived = path.suffix.lower() == ".pdf"
+    if archived and (is_store(custody) or key_certificate is not None):
+        raise UsageError(path.name, expected=message("archived-in-folder"), found=custody)
     if key_certificate is not None:
         from stepdiag.certificate.signature import require_signature
 
@@ -103,13 +127,13 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
             from stepdiag.fleet.custody import verify_in_store
         found = verify_in_store(path, custody)
     else:
-        found = verify_certificate(path, Path(custody or path.parent))
+        found = (verify_archived if archived else verify_certificate)(path, Path(custody or path.parent))
     if found.broken is not None:
-        typer.echo(f"WRONG {path.name}: {found.broken}")
+        print_words(message("certificate-wrong", name=path.name, what=found.broken))
         raise typer.Exit(JUDGED_WRONG)
-    typer.echo(f"{path.name} holds: {found.links} links, {found.figures} figures computed again from the logs or readings")
+    print_words(message("certificate-holds", name=path.name, links=found.links, figures=found.figures))
     if found.signed and key_certificate is None:
-        typer.echo("its signature is not checked: --key-certificate CERT.pem checks it")
+        print_words(message("signature-unchecked"))
 
 
 def is_store(custody: str) -> bool:

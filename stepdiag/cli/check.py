@@ -2,11 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.findings import Finding
@@ -22,21 +25,22 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    seconds: Annotated[float, typer.Option(help="How long to watch; Ctrl-C ends it earlier.")] = 5.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    seconds: float = 5.0,
+    as_json: AsJson = False,
 ) -> None:
-    """Show every signal of laser and PLC live, say what is wrong.
-
-    The survey file is validated first. Never writes to the machine.
-    """
+    """Show every signal of laser and PLC live, say what is wrong."""
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
     from stepdiag.daq.survey.bundle import read_bundle
     from stepdiag.daq.survey.file import load_survey
 
     if not 1.0 <= seconds < float("inf"):
-        raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
+        raise UsageError(
+            "--seconds",
+            expected=message("number-limited", kind=message("a-number"), limits=[message("limit-or-more", limit=1)]),
+            found=f"{seconds:g}",
+        )
     survey = load_survey(file)
     read_bundle(file, survey)
     seen = Observation(survey)
@@ -83,7 +87,7 @@ def show_findings(found: "tuple[Finding, ...]") -> None:
     for line in finding_lines(found):
         typer.echo(line)
     if not any(each.severity in ("error", "warning") for each in found):
-        typer.echo("All is well: laser and machine answer and make sense.")
+        print_words(message("all-is-well"))
 
 
 def _print_json(seen: "Observation", found: "tuple[Finding, ...]") -> None:

@@ -1,5 +1,10 @@
 """What the shell offers when Tab is pressed, and the names in the help: words that must cost no import."""
 
+from typing import Annotated
+
+import typer
+
+AsJson = Annotated[bool, typer.Option("--json")]
 TABLES = ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral")
 """The controls that tables are written for: the names of `stepdiag.exporters.profiles.registry.CONTROLLERS`."""
 FIELDS = ("lattice", "etalon")

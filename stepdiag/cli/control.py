@@ -9,11 +9,11 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, message
 from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
-from stepdiag.cli.completion import TABLES, exported, tables
+from stepdiag.cli.completion import AsJson, exported, tables
 from stepdiag.cli.granted import say_granted
-from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
-from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
-from stepdiag.terminal.viewer import shown, viewers_language
+from stepdiag.cli.runs import Compared, compared, print_compared
+from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
+from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from stepdiag.exporters.tables.profile import Profile
 
 """Exit code of ``verify`` for a file that must not be loaded (contract 5)."""
-ProfileFile = Annotated[Path | None, typer.Option(help="The machine's profile (TOML); `stepdiag profile C` writes one to fill in.")]
-OutFolder = Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -41,13 +38,10 @@ def register(app: typer.Typer) -> None:
 
 
 def profile(
-    controller: Annotated[str, typer.Argument(help=f"The control the profile is for: {', '.join(TABLES)}.", autocompletion=tables)],
-    out: Annotated[Path | None, typer.Option(help="The file to write; without it the profile is printed.")] = None,
+    controller: Annotated[str, typer.Argument(autocompletion=tables)],
+    out: Path | None = None,
 ) -> None:
-    """Write a commented profile of a machine to fill in.
-
-    Every "?" in it is a question only you or the machine can answer.
-    """
+    """Write a commented profile of a machine to fill in."""
     from stepdiag.base.files import write_new
     from stepdiag.exporters.profiles.registry import controller_named
     from stepdiag.exporters.profiles.template import profile_template
@@ -57,40 +51,29 @@ def profile(
         typer.echo(text, nl=False)
         return
     write_new(out, text)
-    typer.echo(f'{out} written: answer every "?", then run `stepdiag export RESULT --controller {controller} --profile {out} --out DIR`')
+    print_words(message("profile-written", path=str(out), controller=controller))
 
 
 def export(
-    result: Annotated[Path, typer.Argument(help="result.json")],
-    controller: Annotated[
-        str,
-        typer.Option(
-            help=f"{', '.join(TABLES)}; lattice (correction vectors of the whole volume) or etalon (Etalon Exchange).",
-            autocompletion=exported,
-        ),
-    ],
-    out: OutFolder,
-    profile: ProfileFile = None,
-    step_mm: Annotated[
-        float | None, typer.Option(help="Distance of the table points. Without profile they stand at the measured positions.")
-    ] = None,
-    accept: Annotated[list[str] | None, typer.Option(help="A warning, by its code, that may pass; may be given again.")] = None,
-    compensation: Compensation = None,
-    active: Active = None,
+    result: Path,
+    controller: Annotated[str, typer.Option(autocompletion=exported)],
+    out: Annotated[Path, typer.Option()],
+    profile: Path | None = None,
+    step_mm: float | None = None,
+    accept: list[str] | None = None,
+    compensation: str | None = None,
+    active: list[Path] | None = None,
     active_date: ActiveDate = None,
-    active_source: ActiveSource = "",
+    active_source: str = "",
     as_json: AsJson = False,
 ) -> None:
-    """Write the compensation files of a result.
-
-    With restore files, report and SHA-256; nothing that fails a safety check is written.
-    """
+    """Write the compensation files of a result."""
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.export.export import export as write_files
     from stepdiag.terminal.progress import working
 
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
-    with working("planning and checking the tables"):
+    with working(message("checking-tables")):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
         written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
     _name_unused(accept or (), written)
@@ -104,7 +87,7 @@ def export(
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
     if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
-        typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
+        print_words(message("accept-unused", codes=unused), err=True)
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
@@ -162,52 +145,46 @@ def _print_load(written: "ExportReport") -> None:
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="The file of other software: Etalon Exchange.")],
-    chain: Annotated[str, typer.Option(help="The machine's kinematic chain, FXYZ or [w X' b Y Z t]: the file does not say it.")],
-    out: Annotated[Path, typer.Option(help="The result.json to write.")],
+    files: list[str],
+    out: Annotated[Path, typer.Option()],
+    chain: str = "",
+    columns: Annotated[list[str] | None, typer.Option("--map")] = None,
 ) -> None:
-    """Take over what other software measured.
+    """Take over what other software measured."""
+    if columns:
+        from stepdiag.cli.runs import import_tables
 
-    Functions and squareness in the Etalon Exchange format become a result that `export`, `verify` and `compare` take.
-    """
+        import_tables(files, columns, out)
+        return
+    if len(files) != 1 or not chain:
+        raise UsageError("import", expected=message("import-options"), found=" ".join(files))
+    file = Path(files[0])
     from stepdiag.base.files import read_bytes, write_new
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.neutral import etalon
 
     found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
     write_new(out, found.to_json())
-    typer.echo(f"{out} written; the file says neither how sure its functions are nor whether a compensation was on")
+    print_words(message("imported-result", path=str(out)))
 
 
 def verify(
-    result: Annotated[Path, typer.Argument(help="result.json, or a certificate (FILE.xml)")],
-    files: Annotated[list[Path] | None, typer.Argument(help="The files as they go to the control, or the folder of an export.")] = None,
-    profile: ProfileFile = None,
-    diagonal: Diagonals = None,
-    out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
-    read_back: Annotated[
-        list[Path] | None, typer.Option(help="A file read out of the control after loading: compared with FILES number by number.")
-    ] = None,
-    custody: Annotated[
-        str, typer.Option(help="Of a certificate: the folder of its logs, result and files, or a store; its own folder without it.")
-    ] = "",
-    key_certificate: Annotated[Path | None, typer.Option(help="Of a certificate: the X.509 certificate (PEM) of its signature.")] = None,
-    compensation: Compensation = None,
-    active: Active = None,
+    result: Path,
+    files: Annotated[list[Path] | None, typer.Argument()] = None,
+    profile: Path | None = None,
+    diagonal: list[str] | None = None,
+    out: Path | None = None,
+    read_back: list[Path] | None = None,
+    custody: str = "",
+    key_certificate: Path | None = None,
+    compensation: str | None = None,
+    active: list[Path] | None = None,
     active_date: ActiveDate = None,
-    active_source: ActiveSource = "",
+    active_source: str = "",
     as_json: AsJson = False,
 ) -> None:
-    """Judge compensation files, or compute a certificate again.
-
-    Files are read as the control will read them, and the error before and after is predicted; exit code 5 where one of
-    their tables is wrong, beyond a limit, or makes the machine worse.
-    Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
-    Files that were read out of the control after loading (--read-back) are compared with FILES, with switches and weights; exit code 5
-    where one number differs.
-    A certificate (FILE.xml) is computed again from the logs: the first link or figure that does not hold is named, exit code 5.
-    """
-    if result.suffix.lower() == ".xml":
+    """Judge compensation files, or compute a certificate again."""
+    if result.suffix.lower() in {".xml", ".pdf"}:
         verify_file(result, custody, key_certificate)
         return
     if custody or key_certificate is not None:
@@ -222,7 +199,7 @@ def verify(
     if not files:
         _diagonals_alone(beside, read_back or [], as_json=as_json)
         return
-    given, aside = _tables_among(files)
+    given, aside = tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
@@ -269,7 +246,7 @@ def _print_read_back(held: "ReadBack | None") -> None:
     if held is None:
         return
     if not held.findings:
-        typer.echo(f"read back: {held.numbers} numbers and {held.switches} switches and weights in the control are as written")
+        print_words(message("read-back-same", numbers=held.numbers, switches=held.switches))
     for line in finding_lines(held.findings):
         typer.echo(line)
 
@@ -277,9 +254,11 @@ def _print_read_back(held: "ReadBack | None") -> None:
 def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
     """Show straight diagonals against a result, where no files are to be judged. Raises UsageError where there is neither."""
     if read_back:
-        raise UsageError("--read-back", expected="the files of the export that was loaded beside it", found="none")
+        raise UsageError("--read-back", expected=message("with-option", option=message("loaded-files")), found=message("none"))
     if not beside:
-        raise UsageError("verify", expected="the files of a control, or --diagonal", found="neither")
+        raise UsageError(
+            "verify", expected=message("either-option", one=message("control-files"), other="--diagonal"), found=message("neither")
+        )
     if as_json:
         typer.echo(json.dumps(_diagonals_json(beside), indent=2))
         return
@@ -291,7 +270,7 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
     return {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]} if beside else {}
 
 
-def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
+def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
     """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
 
     A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by
@@ -319,9 +298,9 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
     if not used:
         raise DataError(
             ", ".join(map(str, paths)),
-            expected="files of a control",
-            found=", ".join(file.name for file in read) or "an empty folder",
-            remedy="give the folder that `stepdiag export` wrote, or the files in it",
+            expected=message("control-files"),
+            found=", ".join(file.name for file in read) or message("folder-without-files"),
+            remedy=message("give-export-folder"),
         )
     return used, tuple(file.name for file in read if file not in used)
 
@@ -348,7 +327,7 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError("--out", expected="a file named *" + " or *".join(SUFFIXES), found=out.name)
+        raise UsageError("--out", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=out.name)
     reach = reach_of(found.prediction.predicted)
     drawing = effect_drawing(drawn, reach)
     write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))

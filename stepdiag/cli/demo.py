@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -18,23 +21,20 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="An empty or new folder for everything the demo writes.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(help="Another machine for every number.")] = 1,
-    live: Annotated[bool, typer.Option("--live", help="Slow enough to watch on the page; keys cause faults.")] = False,
-    browser: Annotated[bool | None, typer.Option(help="With --live: open the page, which is what happens without the option.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    out: Path = Path("demo"),
+    seed: int = 1,
+    live: Annotated[bool, typer.Option("--live")] = False,
+    browser: bool | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Do the whole job on a virtual machine.
-
-    Record, solve, export, load back, verify, over a real Modbus connection and a real serial line.
-    """
+    """Do the whole job on a virtual machine."""
     if live and as_json:
-        raise UsageError("--json", expected="no --live beside it: the figures come at the end of a demo without it", found="--live")
+        raise UsageError("--json", expected=message("without-option", option="--live"), found="--live")
     if live:
         _live(out, seed, browser=browser is not False)
         return
     if browser is not None:
-        raise UsageError("--browser", expected="--live beside it: only the live demo has a page", found="none")
+        raise UsageError("--browser", expected=message("with-option", option="--live"), found=message("none"))
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -70,8 +70,10 @@ class _Watching:
         """Say where the page is and what the keys do, and open it."""
         from stepdiag.demo.live import KEYS
 
-        typer.echo(f"The page: {address}\nIts buttons and files ask for the token: {token}\n")
-        typer.echo("  Enter  start the program that is waited for (it starts by itself after a while)")
+        print_words(message("demo-page", address=address, token=token))
+        typer.echo("")
+        enter = shown(message("demo-enter"))
+        typer.echo(f"  {enter}")
         for key, each in KEYS.items():
             typer.echo(f"  {key}      {each.does}")
         typer.echo("  q      end\n")
@@ -96,13 +98,10 @@ class _Watching:
 
 def _print_table(found: "Demonstrated") -> None:
     from rich.console import Console
-    from rich.table import Table
 
     from stepdiag.cli.status import concluded_in
 
-    table = Table(title="True errors of the tool where nobody measured: anywhere in the volume and along six face diagonals")
-    for heading in ("", "rms over the volume, µm", "largest, µm", "widest face diagonal, µm"):
-        table.add_column(heading, justify="left" if not heading else "right")
+    table = empty_table(message("table-demo"))
     rows = [("as it is", found.before)]
     named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
     forms = {**found.after, **found.reach}
@@ -118,10 +117,8 @@ def _print_table(found: "Demonstrated") -> None:
         console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
     for line in concluded_in(found.round):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-    console.print("All from one survey with an autocollimator's angles; the files of each form lie in the folder reach or beside the logs.")
-    console.print(
-        f"Measured and solved in {found.seconds:.0f} s. Look at {found.round / 'report.html'}; logs, result and files lie beside it."
-    )
+    print_words(message("demo-forms"))
+    print_words(message("demo-done", seconds_s=found.seconds, path=str(found.round / "report.html")))
 
 
 def _print_json(found: "Demonstrated") -> None:

@@ -1,7 +1,7 @@
 """``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import language_named, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.fleet.history import LeftOut
+    from stepdiag.fleet.resolve import Scheduler
     from stepdiag.fleet.trend import Trend
-    from stepdiag.texts.texts import Language
 
-StoreName = Annotated[str, typer.Argument(help="The store: a folder, or an address that fsspec opens (s3://.., sftp://..).")]
-Tolerances = Annotated[
-    list[str] | None, typer.Option("--tolerance", help="QUANTITY=LARGEST, such as volumetric-rms=15 or C0Y=20; may be given again.")
-]
-Software = Annotated[str, typer.Option(help="Use what this version of stepdiag solved anew (`stepdiag resolve`), not what was archived.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 
-archive = typer.Typer(help="The archive of finished surveys.", no_args_is_help=True)
+archive = typer.Typer(no_args_is_help=True)
 
 
 def register(app: typer.Typer) -> None:
@@ -39,20 +36,19 @@ def extra_needed(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        remedy = f"pip install 'stepdiag[{name}]'"
-        raise UsageError(f"stepdiag[{name}]", expected="the libraries of this extra", found=f"no {error.name}", remedy=remedy) from error
+        remedy = message("pip-install", name=name)
+        raise UsageError(
+            f"stepdiag[{name}]", expected=message("libraries-of-extra"), found=message("no-name", name=error.name or ""), remedy=remedy
+        ) from error
 
 
 @archive.command()
 def add(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of finished surveys, or folders with such folders in them.")],
-    to: Annotated[str, typer.Option("--to", help="The store; made where there is none.")],
+    folders: list[Path],
+    to: Annotated[str, typer.Option("--to")],
     as_json: AsJson = False,
 ) -> None:
-    """Put finished surveys into a store.
-
-    Logs packed, result, files, hashes; read back before a survey is listed. The same survey again changes nothing.
-    """
+    """Put finished surveys into a store."""
     with extra_needed("fleet"):
         from stepdiag.fleet.archive import add as put
         from stepdiag.fleet.archive import finished_in, refresh_index, undated
@@ -64,7 +60,7 @@ def add(
     store = Store(to, create=True)
     added = []
     try:
-        for each in counted(found, "archiving", len(found)):
+        for each in counted(found, message("archiving"), len(found)):
             added.append(put(each, store))
             if not as_json:
                 typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
@@ -79,24 +75,38 @@ def add(
         typer.echo(json.dumps(rows, indent=2))
 
 
+@archive.command()
+def check(store: str) -> None:
+    """Read every byte of a store, and name each file that is not as it was written."""
+    with extra_needed("fleet"):
+        from stepdiag.fleet import custody
+        from stepdiag.fleet.store import Store
+
+    place = Store(store)
+    broken = list(custody.check(place))
+    for name, why in broken:
+        typer.echo(f"{name}: {shown(why)}", err=True)
+    if broken:
+        raise DataError(
+            store, expected=message("files-unchanged"), found=message("number-damaged", count=len(broken)), remedy=message("lines-above")
+        )
+    print_words(message("store-holds", store=store, count=len(place.tables())))
+
+
 def trend(
-    store: StoreName,
-    machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
-    tolerance: Tolerances = None,
-    software: Software = "",
-    csv: Annotated[Path | None, typer.Option("--csv", help="Write every figure into this file.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="Write the sheet of all machines (HTML) into this file.")] = None,
-    language: Annotated[str | None, typer.Option(help="Of the sheet: en or de; en where nothing is stated.")] = None,
+    store: str,
+    machine: str = "",
+    tolerance: list[str] | None = None,
+    software: str = "",
+    csv: Annotated[Path | None, typer.Option("--csv")] = None,
+    report: Annotated[Path | None, typer.Option("--report")] = None,
+    language: str | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what changed on the machines of a store.
-
-    Since when and after what; what is unchanged, what is not decidable; when a figure that drifts leaves its tolerance. Surveys that do
-    not belong to the others stand apart or are left out, each with the reason; exit code 3 where a table is damaged.
-    """
+    """Show what changed on the machines of a store."""
     if language is not None and report is None:
-        raise UsageError("--language", expected="--report beside it: the language is that of the sheet", found="none")
-    chosen = _language(language or "en")
+        raise UsageError("--language", expected=message("with-option", option="--report"), found=message("none"))
+    chosen = language_named(language or "en")
     found, left_out = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
@@ -117,51 +127,53 @@ def trend(
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
     """Print what no series holds on standard error. Raises DataError where a table is damaged: the other machines are shown before."""
-    from stepdiag.terminal.printable import printable
 
     for each in left_out:
-        typer.echo(printable(f"left out: {' '.join(filter(None, (each.machine, each.name)))}: {each.why}"), err=True)
+        print_words(message("left-out", name=" ".join(filter(None, (each.machine, each.name))), why=each.why), err=True)
     damaged = [each.name for each in left_out if each.damaged]
     if damaged:
-        raise DataError(damaged[0], expected="tables that can be read", found=f"{len(damaged)} damaged", remedy="the lines above name each")
+        raise DataError(
+            damaged[0],
+            expected=message("readable-tables"),
+            found=message("number-damaged", count=len(damaged)),
+            remedy=message("lines-above"),
+        )
 
 
 def fleet(
-    store: StoreName,
-    tolerance: Tolerances = None,
-    software: Software = "",
-    host: Annotated[str, typer.Option(help="Where the page is served; 127.0.0.1 is this computer alone.")] = "127.0.0.1",
+    store: str,
+    tolerance: list[str] | None = None,
+    software: str = "",
+    host: str = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535)] = 8430,
-    language: Annotated[str, typer.Option(help="en or de")] = "en",
+    language: str = "en",
 ) -> None:
     """Show all machines of a store in the browser, worst first."""
+    from secrets import token_urlsafe
+
     from stepdiag.fleet.page import LOOPBACK, Sheets, create_app, serve
     from stepdiag.fleet.store import Store
 
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
-    chosen = _language(language)
+    chosen = language_named(language)
     sheets.sheet(chosen)
-    typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
-    serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
+    token = token_urlsafe(18)
+    print_words(message("fleet-page", address=f"http://{host}:{port}/?token={token}", store=store))
+    serve(create_app(sheets, chosen, token, (*LOOPBACK, host.lower())), host, port)
 
 
 def resolve(
-    store: StoreName,
-    workers: Annotated[int | None, typer.Option(min=1, max=256, help="Processes on this computer; 2 where nothing is stated.")] = None,
-    scheduler: Annotated[
-        str, typer.Option(help="Instead: a Dask scheduler, tcp://HOST:PORT; its workers need stepdiag[fleet] and the store.")
-    ] = "",
-    machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
-    survey: Annotated[
-        Path | None,
-        typer.Option("--survey", help="With --machine: a survey file in place of those in its logs, where they are not read any more."),
-    ] = None,
+    store: str,
+    workers: Annotated[int | None, typer.Option(min=1, max=256)] = None,
+    scheduler: str = "",
+    ca: Path | None = None,
+    certificate: Path | None = None,
+    key: Path | None = None,
+    machine: str = "",
+    survey: Annotated[Path | None, typer.Option("--survey")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Solve every archived survey anew with this version.
-
-    New results stand beside the old ones; the output lists changes beyond U. Without a change of version the bytes are the same.
-    """
+    """Solve every archived survey anew with this version."""
     with extra_needed("fleet"):
         from stepdiag.fleet import resolve as resolving
         from stepdiag.fleet.archive import refresh_index
@@ -169,15 +181,17 @@ def resolve(
     from stepdiag.base.files import read_text
 
     if survey is not None and not machine:
-        raise UsageError("--survey", expected="--machine beside it: a survey file is that of one machine", found="none")
+        raise UsageError("--survey", expected=message("with-option", option="--machine"), found=message("none"))
     if workers is not None and scheduler:
-        raise UsageError("--workers", expected="no --scheduler beside it: its workers do the work", found=scheduler)
+        raise UsageError("--workers", expected=message("without-option", option="--scheduler"), found=scheduler)
+    files = {"--ca": ca, "--certificate": certificate, "--key": key}
+    by = _scheduler(scheduler, files) if scheduler or any(files.values()) else workers or 2
     text = read_text(survey) if survey is not None else ""
     place = Store(store)
     surveys = resolving.open_surveys(place, machine)
     found = []
     try:
-        for each in resolving.resolve(place, surveys, workers=workers or 2, scheduler=scheduler, survey=text):
+        for each in resolving.resolve(place, surveys, by, survey=text):
             found.append(each)
             outcome = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
             typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {outcome}", err=as_json)
@@ -188,9 +202,22 @@ def resolve(
     failed = [each for each in found if each.outcome == "failed"]
     if failed:
         raise DataError(
-            store, expected="surveys that this version solves", found=f"{len(failed)} of {len(found)} that it does not",
-            remedy="where a survey file in the logs is refused: `--machine M --survey FILE` with one that stands for it",
+            store, expected=message("solved-by-version"), found=message("some-unsolved", count=len(failed), of=len(found)),
+            remedy=message("survey-instead"),
         )  # fmt: skip
+
+
+def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
+    """Return the scheduler that is named. Raises UsageError for one without TLS: it would run the code of whoever reaches it."""
+    from stepdiag.fleet.resolve import Scheduler
+
+    if not address.startswith("tls://"):
+        raise UsageError("--scheduler", expected=message("tls-scheduler"), found=address or message("none"))
+    given = {option: file for option, file in files.items() if file is not None and file.is_file()}
+    for option, file in files.items():
+        if option not in given:
+            raise UsageError(option, expected=message("pem-beside-scheduler"), found=str(file) if file else message("none"))
+    return Scheduler(address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"])
 
 
 def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
@@ -219,14 +246,7 @@ def _tolerance(text: str) -> tuple[str, float]:
     except ValueError:
         largest = 0.0
     if not 0.0 < largest < float("inf"):
-        raise UsageError("--tolerance", expected="QUANTITY=NUMBER above 0, such as volumetric-rms=15", found=repr(text))
+        raise UsageError(
+            "--tolerance", expected=message("such-as", what=message("quantity-above-0"), example="volumetric-rms=15"), found=repr(text)
+        )
     return quantity, largest
-
-
-def _language(language: str) -> "Language":
-    from stepdiag.texts.texts import LANGUAGES
-
-    chosen = next((known for known in LANGUAGES if known == language), None)
-    if chosen is None:
-        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
-    return chosen

@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import PROGRAMS
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName
 
-Source = Annotated[Path, typer.Argument(help="A survey file (live from its [head]), a log (.mcap), or a CSV of the head's samples.")]
-Calibration = Annotated[Path, typer.Option(help="The head's calibration file.")]
-Seconds = Annotated[float | None, typer.Option(min=0.1, help="How long a live head is recorded; refused for a recording.")]
-Plot = Annotated[Path | None, typer.Option(help="Where to draw it: FILE.svg or FILE.html.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
-ALIGN_S, WOBBLE_S, STABILITY_S = 3600.0, 20.0, 960.0
+Seconds = Annotated[float | None, typer.Option(min=0.1)]
+ALIGN_S, STABILITY_S = 3600.0, 960.0
 """How long a live head is recorded where nothing is stated."""
 
-commands = typer.Typer(help="The 4-DOF head: commissioning, tests, and what it measured.", no_args_is_help=True)
+commands = typer.Typer(no_args_is_help=True)
 
 
 def register(app: typer.Typer) -> None:
@@ -30,11 +28,8 @@ def register(app: typer.Typer) -> None:
 
 
 @commands.command()
-def align(source: Source, seconds: Seconds = None) -> None:
-    """Show spots and sums of the detectors while you align.
-
-    Ctrl-C ends it. Of a recording: what it holds at the end.
-    """
+def align(source: Path, seconds: Seconds = None) -> None:
+    """Show spots and sums of the detectors while you align."""
     from stepdiag.head.view import AlignView
 
     view = AlignView()
@@ -49,74 +44,34 @@ def align(source: Source, seconds: Seconds = None) -> None:
 
 
 @commands.command()
-def signs(
-    at: Annotated[list[str], typer.Option(help="DISTANCE=SOURCE: distance head to target in mm, and where the wobble comes from. Twice.")],
-    calibration: Calibration,
-    out: Annotated[Path, typer.Option(help="The calibration file to write, with signs and lever; never overwritten.")],
-    seconds: Seconds = None,
-    as_json: AsJson = False,
-) -> None:
-    """Find the signs of PSD1 and PSD2 and the lever.
-
-    The target stands, the laser's pointing is wobbled, at two distances.
-    """
-    import msgspec
-
-    from stepdiag.fourdof.commissioning import signs_of
-    from stepdiag.head.view import signs_lines
-
-    file = read_calibration(calibration)
-    places = [_place(text) for text in at]
-    found = signs_of(
-        [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
-        file,
-    )
-    write_calibration(out, found.file.with_measured("fourdof signs", _today(), "lever"))
-    if as_json:
-        lever = msgspec.structs.asdict(found.lever)
-        factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
-        typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
-        return
-    for line in signs_lines(found):
-        typer.echo(line)
-    typer.echo(f"written: {out}")
-
-
-@commands.command()
 def new(
-    head_id: Annotated[str, typer.Option("--id", help="The number on the head.")],
-    psd1_focal_mm: Annotated[float, typer.Option(min=1.0, help="Focal length of the lens before PSD1.")],
-    psd2_focal_mm: Annotated[float, typer.Option(min=1.0, help="Focal length of the lens before PSD2.")],
-    out: Annotated[Path, typer.Option(help="The file to write; never overwritten.")],
+    head_id: Annotated[str, typer.Option("--id")],
+    psd1_focal_mm: Annotated[float, typer.Option(min=1.0)],
+    psd2_focal_mm: Annotated[float, typer.Option(min=1.0)],
+    out: Annotated[Path, typer.Option()],
 ) -> None:
-    """Write the file of a head that is not calibrated yet.
-
-    To start from: what a command has to measure is not in it.
-    """
+    """Write the file of a head that is not calibrated yet."""
     from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity
 
     identity = HeadIdentity(
         id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm, version=2
     )
     write_calibration(out, HeadFile(head=identity))
-    typer.echo(f"written: {out}; next: `stepdiag fourdof commission`")
+    print_words(message("written-next", path=str(out), what=message("fourdof-commission-next")))
 
 
 @commands.command()
 def calibrate(
-    run: Annotated[list[str], typer.Option(help="DETECTOR.AXIS=SOURCE, such as qd.x=stage.csv; a survey file asks at the stage. Repeat.")],
-    base: Annotated[Path, typer.Option(help="The calibration file to start from; `stepdiag fourdof new` writes the first.")],
-    out: Annotated[Path, typer.Option(help="The calibration file to write, dated today; never overwritten.")],
-    reference: Annotated[str, typer.Option(help="The reference instrument and its certificate, in words.")] = "",
-    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in µm or arc-seconds as it reads.")] = 0.0,
-    degree: Annotated[int, typer.Option(min=1, max=9, help="Degree of the polynomial.")] = 5,
-    plot: Plot = None,
+    run: Annotated[list[str], typer.Option()],
+    base: Annotated[Path, typer.Option()],
+    out: Annotated[Path, typer.Option()],
+    reference: str = "",
+    u_reference: Annotated[float, typer.Option(min=0.0)] = 0.0,
+    degree: Annotated[int, typer.Option(min=1, max=9)] = 5,
+    plot: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit detector curves against a reference stage.
-
-    Writes a dated calibration file with their uncertainty.
-    """
+    """Fit detector curves against a reference stage."""
     import msgspec
 
     from stepdiag.fourdof.commissioning import calibrate_axis, with_curve
@@ -143,27 +98,21 @@ def calibrate(
 
 @commands.command()
 def commission(
-    sources: Annotated[list[Path], typer.Argument(help="A survey file with a fourdof run (writes its program), or the logs of that run.")],
-    out: Annotated[Path, typer.Option(help="The folder for the program, or the calibration file to write; nothing is overwritten.")],
-    controller: Annotated[str | None, typer.Option(help=f"With a survey file: the control, {', '.join(PROGRAMS)}.")] = None,
-    profile: Annotated[Path | None, typer.Option(help="With a survey file: the machine's profile, for its section [program].")] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="With logs: the file to start from; `stepdiag fourdof new` writes the first.")
-    ] = None,
+    sources: list[Path],
+    out: Annotated[Path, typer.Option()],
+    controller: str | None = None,
+    profile: Path | None = None,
+    calibration: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Calibrate the head with the machine as its stage.
-
-    The program of a survey's fourdof run, with jogs of the other axes, a wobble at both ends and a dark beam; then, from its logs, the
-    calibration file.
-    """
+    """Calibrate the head with the machine as its stage."""
     if len(sources) == 1 and sources[0].suffix.lower() == ".toml":
         if controller is None or calibration is not None:
-            raise UsageError("fourdof commission", expected="--controller with a survey file, and no --calibration", found=sources[0].name)
+            raise UsageError("fourdof commission", expected=message("commission-program-options"), found=sources[0].name)
         _commission_program(sources[0], controller, profile, out)
         return
     if calibration is None or controller is not None or profile is not None:
-        raise UsageError("fourdof commission", expected="--calibration with logs, and no --controller or --profile", found=sources[0].name)
+        raise UsageError("fourdof commission", expected=message("commission-logs-options"), found=sources[0].name)
     _commission_logs(sources, calibration, out, as_json=as_json)
 
 
@@ -177,7 +126,7 @@ def _commission_program(file: Path, controller: str, profile: Path | None, out: 
     write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     for each in programs:
         typer.echo(f"{each.setup:<12}{out / each.name}")
-    typer.echo(f"next: `stepdiag run {file.name}`, start the program, then `stepdiag fourdof commission LOGS --calibration NEW --out FILE`")
+    print_words(message("run-then-commission", name=file.name))
 
 
 def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json: bool) -> None:
@@ -195,24 +144,21 @@ def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json:
         typer.echo(json.dumps({"fields": fields, "u_jog_um": done.found.u_jog_um, "stands": done.stands, "dark": done.dark}, indent=2))
         return
     commission_table(done)
-    typer.echo(f"written: {out}; next: name it in head.calibration of the survey file")
+    print_words(message("written-next", path=str(out), what=message("name-calibration")))
 
 
 @commands.command()
 def stability(
-    source: Source,
-    calibration: Calibration,
-    distance_mm: Annotated[float, typer.Option(min=0.0, help="Distance from the head to the target.")],
+    source: Path,
+    calibration: Annotated[Path, typer.Option()],
+    distance_mm: Annotated[float, typer.Option(min=0.0)],
     seconds: Seconds = None,
-    interval_s: Annotated[float, typer.Option(min=0.01, help="Samples are averaged over this long.")] = 1.0,
-    record: Annotated[Path | None, typer.Option(help="Where to keep the samples of a live head (CSV).")] = None,
-    plot: Plot = None,
+    interval_s: Annotated[float, typer.Option(min=0.01)] = 1.0,
+    record: Path | None = None,
+    plot: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Test the stability.
-
-    Fluctuation of the standing target raw and compensated, the part removed, the Allan deviation.
-    """
+    """Test the stability."""
     from dataclasses import asdict
 
     from stepdiag.base.files import write_new
@@ -238,15 +184,12 @@ def stability(
 
 @commands.command()
 def compare(
-    measured: Annotated[list[Path], typer.Argument(help="The logs of a survey with 4-DOF runs, or a CSV of its functions.")],
-    reference: Annotated[Path, typer.Option(help="CSV: position_mm and columns such as EYX_um, EBX_arcsec.")],
-    plot: Plot = None,
+    measured: list[Path],
+    reference: Annotated[Path, typer.Option()],
+    plot: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the head with a reference instrument.
-
-    Range and rms of the residuals, function by function, and how far one stood from the other by the rotations of the axis.
-    """
+    """Compare the head with a reference instrument."""
     from stepdiag.base.files import read_text
     from stepdiag.fourdof.commissioning import arms_of, compare_curves, parse_curves
     from stepdiag.head.view import arm_lines, comparison_charts, comparison_table
@@ -267,15 +210,10 @@ def compare(
 
 @commands.command()
 def show(
-    logs: Annotated[list[Path], typer.Argument(help="The logs of a survey with 4-DOF runs; other setups may be missing.")],
-    out: Annotated[
-        Path | None, typer.Option(help="A folder for straightness.csv and angles.csv (for `solve --straightness --angles`).")
-    ] = None,
+    logs: list[Path],
+    out: Path | None = None,
 ) -> None:
-    """Say what the head measured by itself.
-
-    Straightness by three reference lines, pitch and yaw.
-    """
+    """Say what the head measured by itself."""
     from stepdiag.base.files import refuse_file_name, write_together
     from stepdiag.fourdof.runs import over_passes
     from stepdiag.head.view import head_table
@@ -302,14 +240,6 @@ def _today() -> str:
     return datetime.now(UTC).date().isoformat()
 
 
-def _place(text: str) -> tuple[float, Path]:
-    distance, _, source = text.partition("=")
-    try:
-        return float(distance), Path(source)
-    except ValueError as error:
-        raise UsageError("--at", expected="DISTANCE=SOURCE, such as 500=near.csv", found=repr(text)) from error
-
-
 def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":
     name, _, source = text.partition("=")
     detector, _, axis = name.partition(".")
@@ -324,5 +254,5 @@ def _draw(path: Path, charts: list[str], title: str) -> None:
 
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError("--plot", expected="a file named *" + " or *".join(SUFFIXES), found=path.name)
+        raise UsageError("--plot", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=path.name)
     write_atomically(path, sheet(charts, title, suffix).encode("utf-8"))

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import STREAMS, decoded_formats, streams
+from stepdiag.base.messages import Message, message
+from stepdiag.cli.completion import STREAMS, AsJson, decoded_formats, streams
 from stepdiag.terminal.printable import printable
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
     from stepdiag.daq.log.recovery import LogInfo, Recovery
     from stepdiag.daq.records.events import Stream
 
-LogFile = Annotated[Path, typer.Argument(help="A log (*.mcap, or *.mcap.part where it was cut off).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 _LONG = 60
 
 
@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
     app.command("decode")(decode)
 
 
-def info(log: LogFile, as_json: AsJson = False) -> None:
+def info(log: Path, as_json: AsJson = False) -> None:
     """Say what is in a log, and whether it is whole."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import log_info
@@ -39,14 +39,11 @@ def info(log: LogFile, as_json: AsJson = False) -> None:
 
 
 def recover(
-    log: LogFile,
-    out: Annotated[Path | None, typer.Option("--out", help="The mended log; default beside the damaged one.")] = None,
+    log: Path,
+    out: Annotated[Path | None, typer.Option("--out")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Mend a log that was cut off, into a new file.
-
-    The damaged one stays as it is.
-    """
+    """Mend a log that was cut off, into a new file."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import recover as mend
 
@@ -56,18 +53,13 @@ def recover(
 
 
 def decode(
-    log: LogFile,
-    to: Annotated[str, typer.Option(help="csv, parquet or mcap.", autocompletion=decoded_formats)] = "csv",
-    out: Annotated[Path | None, typer.Option("--out", help="The file to write; default beside the log.")] = None,
-    stream: Annotated[str, typer.Option(help="laser or head", autocompletion=streams)] = "laser",
-    survey: Annotated[
-        Path | None, typer.Option("--survey", help="A survey file in place of the log's, where that one is not read any more.")
-    ] = None,
+    log: Path,
+    to: Annotated[str, typer.Option(autocompletion=decoded_formats)] = "csv",
+    out: Annotated[Path | None, typer.Option("--out")] = None,
+    stream: Annotated[str, typer.Option(autocompletion=streams)] = "laser",
+    survey: Annotated[Path | None, typer.Option("--survey")] = None,
 ) -> None:
-    """Write every sample of a log at full rate.
-
-    Decoded again from the raw bytes, with the times of the sample clock; mcap holds the stops and findings of the log too.
-    """
+    """Write every sample of a log at full rate."""
     from stepdiag.daq.log.contents import must_be_there, open_log
     from stepdiag.daq.log.decoded import decoded
     from stepdiag.daq.log.decoded_files import FORMATS
@@ -80,11 +72,11 @@ def decode(
     must_be_there(log)
     target = out or log.with_name(f"{log.name.partition('.')[0]}-{stream}.{to}")
     if target.exists():
-        raise UsageError(str(target), expected="a new file", found="one that is there", remedy="name another one with --out")
+        raise UsageError(str(target), expected=message("new-file"), found=message("one-exists"), remedy=message("name-with-out"))
     source, chosen = open_log(log), cast("Stream", stream)
-    with working("decoding"):
+    with working(message("decoding")):
         count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)))
-    typer.echo(f"{target} written: {count} samples of the {stream}")
+    print_words(message("decoded-samples", path=str(target), count=count, stream=stream))
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
@@ -103,7 +95,7 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
         "begin": _wall(found.begin_wall_ns),
         "seconds": round(found.seconds, 6),
         "whole": found.end.whole,
-        "damage": found.end.damage,
+        "damage": str(found.end.damage),
         "lost_bytes": found.end.lost_bytes,
         "dropped_events": found.end.dropped_events,
         "events": found.end.events,
@@ -120,15 +112,20 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
 
 def _as_text(found: "LogInfo") -> str:
     end = found.end
-    streams = ", ".join(f"{count} bytes of the {stream}" for stream, count in found.stream_bytes.items()) or "no raw bytes"
-    state = f"whole, {end.run_stop['exit_status']}" if end.whole else _damage(found)
+    streams = [message("bytes-of", count=count, stream=stream) for stream, count in found.stream_bytes.items()]
+    state = message("log-whole", how=end.run_stop["exit_status"]) if end.whole else _damage(found)
     reason = f": {end.run_stop['reason']}" if end.run_stop.get("reason") else ""
-    mended = f" (mended from {end.run_stop['recovered_from']})" if "recovered_from" in end.run_stop else ""
+    facts = [
+        message("log-lasted", begin=_wall(found.begin_wall_ns), seconds=found.seconds),
+        message("log-holds", stops=found.stops, polls=found.polls, streams=streams or [message("nothing")]),
+    ]
+    if "recovered_from" in end.run_stop:
+        facts.insert(0, message("mended-from", name=end.run_stop["recovered_from"]))
+    if found.carries_token:
+        facts.append(message("carries-token"))
     lines = [
-        f"{found.path}: {state}{reason}{mended}",
-        f"  began {_wall(found.begin_wall_ns)}, lasted {found.seconds:.1f} s",
-        f"  {found.stops} stops, {found.polls} polls of the machine, {streams}",
-        *(["  carries a token of the page: change it, and take care who gets this log"] if found.carries_token else []),
+        f"{found.path}: {shown(state)}{reason}",
+        *(f"  {shown(fact)}" for fact in facts),
         *(f"  {topic:<16} {count:>8} messages" for topic, count in sorted(end.messages.items())),
         *(f"  {name}: {_short(text)}" for name, text in (found.run | found.clock).items()),
     ]
@@ -141,11 +138,9 @@ def _short(text: str) -> str:
     return shown if len(text) <= _LONG else f"{shown}... ({len(text)} characters)"
 
 
-def _damage(found: "LogInfo") -> str:
-    lost = f"{found.end.lost_bytes} bytes cannot be read" + (
-        f", {found.end.dropped_events} events lost with them" * bool(found.end.dropped_events)
-    )
-    return f"not whole ({found.end.damage or 'it was not closed'}; {lost}); `stepdiag recover` mends it"
+def _damage(found: "LogInfo") -> Message:
+    end = found.end
+    return message("log-not-whole", why=end.damage or message("not-closed"), lost=end.lost_bytes, dropped=end.dropped_events)
 
 
 def _recovery_json(done: "Recovery") -> dict[str, object]:
@@ -154,18 +149,17 @@ def _recovery_json(done: "Recovery") -> dict[str, object]:
         "target": str(done.target),
         "messages": done.messages,
         "events": done.end.events,
-        "damage": done.end.damage,
+        "damage": str(done.end.damage),
         "lost_bytes": done.end.lost_bytes,
         "dropped_events": done.end.dropped_events,
     }
 
 
 def _recovery_text(done: "Recovery") -> str:
-    return (
-        f"{done.target} written: {done.end.events} events in {done.messages} messages kept, opened again and counted\n"
-        f"  {done.source}: {done.end.damage}; {done.end.lost_bytes} bytes and {done.end.dropped_events} events could not be kept. "
-        "It is still there, as it was."
-    )
+    end = done.end
+    kept = message("log-mended", path=str(done.target), events=end.events, messages=done.messages)
+    lost = message("log-lost", path=str(done.source), why=end.damage, lost=end.lost_bytes, dropped=end.dropped_events)
+    return f"{shown(kept)}\n  {shown(lost)}"
 
 
 def _wall(wall_ns: int) -> str:

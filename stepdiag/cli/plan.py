@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
 from stepdiag.cli.granted import say_assumed
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
@@ -25,28 +28,26 @@ def register(app: typer.Typer) -> None:
 
 
 def plan(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    minutes: Annotated[float | None, typer.Option(help="The time there is: the best survey within it.")] = None,
-    target_um: Annotated[
-        float | None, typer.Option(help="What compensation may leave (rms over the volume): the best survey down to it.")
-    ] = None,
-    apply: Annotated[
-        bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the next of the list.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    minutes: float | None = None,
+    target_um: float | None = None,
+    apply: Annotated[bool, typer.Option("--apply")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Predict what a survey will tell, and in what time.
-
-    Before the machine moves; names the surveys that are worth their time.
-    """
+    """Predict what a survey will tell, and in what time."""
     from stepdiag.completion.foreseen import circumstances
+    from stepdiag.daq.recording.rounds import noted_stops, round_folders
+    from stepdiag.daq.replay import begun_logs
+    from stepdiag.daq.service.remaining import own_minutes
     from stepdiag.daq.survey.file import load_survey
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
-            raise UsageError(name, expected="a number above 0", found=f"{value:g}")
+            raise UsageError(name, expected=message("number-above-0"), found=f"{value:g}")
     survey = load_survey(file)
-    advice = _advise(survey.planned, circumstances(survey, file.parent), minutes, target_um)
+    folders = round_folders(survey.folder(file))
+    stops = [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
+    advice = _advise(own_minutes(survey, stops), circumstances(survey, file.parent), minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
     if as_json:
@@ -74,17 +75,13 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
     chosen = advice.best if asked else advice.next
     if chosen is None:
-        raise UsageError(
-            "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
-        )
+        raise UsageError("--apply", expected=message("better-survey"), found=message("none"), remedy=message("ask-with-others"))
     section = _section(survey, chosen.plan)
     finer = chosen.plan.volume.increments
     changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
-    typer.echo(
-        f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}; {finer} increments",
-        err=True,
-    )
+    setups = [run.setup for run in chosen.plan.runs]
+    print_words(message("plan-applied", name=str(file), setups=setups, repeats=section.repeats, increments=finer), err=True)
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -111,7 +108,7 @@ def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
 
-    with working("looking for the best surveys (some seconds)"):
+    with working(message("looking-for-surveys")):
         return advise(plan, about, available_min=minutes, target_um=target_um)
 
 
@@ -170,14 +167,12 @@ def _print(advice: "Advice", *, asked: bool) -> None:
     from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    console.print(in_words(advice.forecast), highlight=False)
+    print_words(in_words(advice.forecast))
     console.print(forecast_table(advice.forecast))
     console.print(front_table(advice))
     if advice.best is not None:
-        console.print("BEST SURVEY for what was asked: " + in_words(advice.best), highlight=False)
+        print_words(message("best-survey", what=in_words(advice.best)))
         console.print(forecast_table(advice.best))
     elif asked:
-        console.print(
-            "No survey fits what was asked: not even one line takes so little time, or nothing reaches the target.", highlight=False
-        )
+        print_words(message("no-survey-fits"))
     say_assumed(advice.forecast.assumed.stated())

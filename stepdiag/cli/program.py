@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from stepdiag.cli.completion import PROGRAMS, programs
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson, programs
+from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
@@ -14,18 +16,13 @@ def register(app: typer.Typer) -> None:
 
 
 def program(
-    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    controller: Annotated[str, typer.Option(help=f"The control: {', '.join(PROGRAMS)}.", autocompletion=programs)],
-    out: Annotated[
-        Path, typer.Option(help="The folder to write, whole or not at all; what is there is never overwritten with other bytes.")
-    ],
-    profile: Annotated[Path | None, typer.Option(help="The machine's profile, for its section [program].")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    file: Path,
+    controller: Annotated[str, typer.Option(autocompletion=programs)],
+    out: Annotated[Path, typer.Option()],
+    profile: Path | None = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Write the NC programs that drive a survey.
-
-    One for each setup, with stops, dwells and the signals to the PLC; for LinuxCNC also the HAL component that serves them over Modbus.
-    """
+    """Write the NC programs that drive a survey."""
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile
@@ -44,5 +41,5 @@ def program(
     for each in written:
         typer.echo(f"{each['setup']:<12}{each['file']}")
     if beside:
-        typer.echo(f"for the control: {', '.join(each.name for each in beside)}: copy both beside its INI file and add the HALFILE")
-    typer.echo("First run of each program: single block, feed override low, hand on feed hold. Each begins with what the PLC must offer.")
+        print_words(message("copy-for-control", names=[each.name for each in beside]))
+    print_words(message("first-run"))

@@ -1,23 +1,22 @@
 """Questions to a person on a terminal; every answer may be an option of the command instead."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Words, message
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.composed import MachineClass
 
-MachineClassName = Annotated[str | None, typer.Option("--machine-class", help="good, ordinary or poor: the usual sizes of its errors.")]
-Feedback = Annotated[str | None, typer.Option(help="screw (rotary encoders on ball screws) or scale (linear scales).")]
-Pitch = Annotated[str | None, typer.Option("--pitch-mm", help="Pitch of the screws in mm.")]
 
 _WORDS = {
-    "good": "new, in a tempered hall",
-    "ordinary": "a machining centre in a shop",
-    "poor": "old or large, in an open hall",
+    "good": message("class-good"),
+    "ordinary": message("class-ordinary"),
+    "poor": message("class-poor"),
 }
 
 
@@ -28,7 +27,7 @@ def on_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-def asked(option: str, question: str, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
+def asked(option: str, question: Words, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
     """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
     import click
 
@@ -36,15 +35,17 @@ def asked(option: str, question: str, given: str | None, understood: Callable[[s
         return understood(given)
     if not on_terminal():
         if default is None:
-            raise UsageError(f"--{option}", expected="an answer", found="no terminal to ask on", remedy=f"say it: --{option} ...")
+            raise UsageError(
+                f"--{option}", expected=message("an-answer"), found=message("no-terminal"), remedy=message("option-answers", option=option)
+            )
         return understood(default)
     while True:
         try:
-            return understood(str(typer.prompt(question, default=default)).strip())
+            return understood(str(typer.prompt(shown(question), default=default)).strip())
         except UsageError as refusal:
-            typer.echo(str(refusal))
+            print_words(refusal.message)
         except click.Abort as end:
-            raise UsageError("questions", expected="an answer", found="the end of the questions; nothing is written") from end
+            raise UsageError("questions", expected=message("an-answer"), found=message("end-of-questions")) from end
 
 
 def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | None) -> "MachineClass":
@@ -54,21 +55,20 @@ def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | 
 
     if name is None and on_terminal():
         for each, sizes in CLASSES.items():
-            typer.echo(
-                f"  {each:<9} {_WORDS[each]}: repeats to {sizes['repeatability_um']:g} µm, angular errors of {sizes['angles_urad']:g} µrad"
-            )
+            numbers = {"repeats_um": sizes["repeatability_um"], "angles_urad": sizes["angles_urad"]}
+            print_words(message("class-sizes", name=f"{each:<9}", what=_WORDS[each], **numbers))
     usual = MachineClass()
-    chosen = asked("machine-class", "Class of the machine (good, ordinary, poor)", name, _one_of("machine-class", CLASSES), usual.name)
-    kind = asked("feedback", "Position feedback (screw, scale)", feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
+    chosen = asked("machine-class", message("ask-machine-class"), name, _one_of("machine-class", CLASSES), usual.name)
+    kind = asked("feedback", message("ask-feedback"), feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
     stated = f"{usual.pitch_mm:g}" if kind == "scale" and pitch_mm is None else pitch_mm
-    pitch = asked("pitch-mm", "Pitch of the screws in mm", stated, _length, f"{usual.pitch_mm:g}")
+    pitch = asked("pitch-mm", message("ask-pitch-mm"), stated, _length, f"{usual.pitch_mm:g}")
     return MachineClass(name=chosen, feedback=kind, pitch_mm=pitch)
 
 
 def _one_of(option: str, names: Any) -> Callable[[str], str]:
     def understood(text: str) -> str:
         if text not in names:
-            raise UsageError(option, expected=f"one of {', '.join(names)}", found=repr(text))
+            raise UsageError(option, expected=message("one-of", names=tuple(names)), found=repr(text))
         return text
 
     return understood
@@ -80,5 +80,5 @@ def _length(text: str) -> float:
     except ValueError:
         length = 0.0
     if not 0.0 < length <= 10_000.0:
-        raise UsageError("pitch-mm", expected="a length in mm above 0", found=repr(text))
+        raise UsageError("pitch-mm", expected=message("length-above-0"), found=repr(text))
     return length

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import languages
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson, languages
 from stepdiag.cli.granted import say_granted
+from stepdiag.terminal.viewer import language_named, print_words, viewers_language
 
 if TYPE_CHECKING:
     from stepdiag.base.result.result import Result
     from stepdiag.conclusion import Conclusion
     from stepdiag.report.certificate import AsLeft
     from stepdiag.report.exported import Exported
-    from stepdiag.texts.texts import Language
 
 
 def register(app: typer.Typer) -> None:
@@ -27,71 +28,63 @@ def register(app: typer.Typer) -> None:
 
 
 def report(
-    result: Annotated[Path, typer.Argument(help="result.json")],
-    files: Annotated[
-        list[Path] | None, typer.Argument(help="Files of one export: listed with their hashes, and their effect predicted.")
-    ] = None,
-    out: Annotated[Path, typer.Option(help="FILE.html, FILE.pdf, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
-    readings: Annotated[Path | None, typer.Option(help="The readings (CSV) the result rests on: shows them and ISO 230-6.")] = None,
-    profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
-    after: Annotated[
-        Path | None, typer.Option("--as-left", help="The result of the survey after loading: predicted against measured.")
-    ] = None,
-    letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
-    laboratory: Annotated[
-        Path | None, typer.Option(help="Settings (TOML) as `certificate` takes them: number on every page, customer, item, who signs.")
-    ] = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF (needs chromium).")] = False,
-    language: Annotated[str, typer.Option(help="en or de", autocompletion=languages)] = "en",
-    as_json: Annotated[bool, typer.Option("--json", help="Say what was written as JSON.")] = False,
+    result: Path,
+    files: Annotated[list[Path] | None, typer.Argument()] = None,
+    out: Path = Path("report.html"),
+    readings: Path | None = None,
+    profile: Path | None = None,
+    after: Annotated[Path | None, typer.Option("--as-left")] = None,
+    letterhead: Path | None = None,
+    laboratory: Path | None = None,
+    pdf: Annotated[bool, typer.Option("--pdf")] = False,
+    language: Annotated[str, typer.Option(autocompletion=languages)] = "en",
+    as_json: AsJson = False,
 ) -> None:
-    """Write the readable report of a result.
-
-    One HTML file with every figure, and each figure as CSV.
-    """
-    from stepdiag.base.files import read_text
-    from stepdiag.base.readings.readings import parse_readings
-    from stepdiag.daq.records.survey_folder import RESULT
-    from stepdiag.report.certificate import read_letterhead
-    from stepdiag.report.document import build_report
-    from stepdiag.report.exported import exported_in
-    from stepdiag.report.laboratory import read_laboratory, sha256_of
-    from stepdiag.report.logs import logs_beside
+    """Write the readable report of a result."""
+    from stepdiag.report.from_files import ReportFiles, report_from
     from stepdiag.report.output import write_report
 
-    chosen = _language(language)
+    chosen = language_named(language)
     if profile is not None and not files:
-        raise UsageError("--profile", expected="the files of an export beside it", found="none")
+        raise UsageError("--profile", expected=message("with-option", option=message("files-of-export")), found=message("none"))
     found = read_result(result)
-    exported = [exported_in(found, files, profile)] if files else []
-    built = build_report(
-        found,
-        source=result.name,
-        exported=exported,
-        left=_as_left(found, exported, read_result(after)) if after is not None else None,
-        letterhead=read_letterhead(letterhead) if letterhead is not None else None,
-        readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
-        logs=logs_beside(result.parent),
-        laboratory=read_laboratory(laboratory).file,
-        sha256=sha256_of(result / RESULT if result.is_dir() else result),
-        language=chosen,
-    )
+    if after is not None:
+        _require_alike(found, read_result(after))
+    made_of = ReportFiles(
+        result=result_file(result), files=files or (), profile=profile, left=None if after is None else result_file(after),
+        letterhead=letterhead, laboratory=laboratory, readings=readings, language=chosen,
+    )  # fmt: skip
+    built = report_from(made_of)
     written = write_report(built, out, pdf=pdf)
     if as_json:
         typer.echo(json.dumps({"written": [str(path) for path in written]}))
     else:
-        typer.echo(f"report: {written[0]}" + (f", {len(written) - 1} more files beside it" if len(written) > 1 else ""))
+        more = message("more-files", path=str(written[0]), count=len(written) - 1)
+        print_words(message("report-written", what=more if len(written) > 1 else str(written[0])))
 
 
-def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
-    """Return what the survey after loading says. Raises ``DataError`` where it is another machine's or of another volume."""
+def _require_alike(before: "Result", after: "Result") -> None:
+    """Raise ``DataError`` where the survey after loading is another machine's or of another volume."""
     from stepdiag.comparing.compare import require_alike, require_same_volume
-    from stepdiag.conclusion import conclude
-    from stepdiag.report.certificate import as_left
 
     require_alike(before, after)
     require_same_volume(before, after)
+
+
+def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
+    """Return what the survey after loading shows. Raises ``DataError`` where it is another machine's or of another volume."""
+    from stepdiag.conclusion import conclude
+    from stepdiag.report.certificate import as_left
+
+    _require_alike(before, after)
     return as_left(after.source, conclude(after), _concluded(before, exported).reach, after)
+
+
+def result_file(path: Path) -> Path:
+    """Return the file of a result: the file itself, or that in the folder of a survey."""
+    from stepdiag.daq.records.survey_folder import RESULT
+
+    return path / RESULT if path.is_dir() else path
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
@@ -105,18 +98,18 @@ def read_result(path: Path, name: str = "") -> "Result":
 
     Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
     """
-    from stepdiag.base.files import read_text
+    from stepdiag.base.files import read_hashed
     from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
 
-    file = path / RESULT if path.is_dir() else path
+    file = result_file(path)
     if path.is_dir() and not file.exists():
-        remedy = f"`{shlex.join(['stepdiag', 'status', str(path)])}` says what is missing"
-        raise UsageError(str(path), expected=f"a folder with a {RESULT}", found="none in it", remedy=remedy)
+        remedy = message("command-says", command=shlex.join(["stepdiag", "status", str(path)]))
+        raise UsageError(str(path), expected=message("folder-with", what=RESULT), found=message("none"), remedy=remedy)
     if {".csv", ".mcap"} & set(path.suffixes):
-        remedy = f"`{shlex.join(['stepdiag', 'solve', str(path), '--out', RESULT])}` writes one"
-        raise UsageError(str(path), expected=f"a result ({RESULT})", found="what it is solved from", remedy=remedy)
-    return parse_result(read_text(file), name or file.name)
+        remedy = message("command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]))
+        raise UsageError(str(path), expected=message("result-in-file", name=RESULT), found=message("source-of-result"), remedy=remedy)
+    return parse_result(read_hashed(file), name or file.name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:
@@ -125,34 +118,32 @@ def _distinct(paths: list[Path]) -> list[str]:
 
 
 def compare(
-    results: Annotated[list[Path], typer.Argument(help="two results of one machine, earlier first; more for a trend")],
-    loaded: Annotated[
-        list[Path] | None,
-        typer.Option("--loaded", help="What was loaded in between: an export's folder or files; may be repeated."),
-    ] = None,
-    profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
-    out: Annotated[Path | None, typer.Option(help="FILE.html: the certificate's last page, predicted against measured.")] = None,
-    letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Also print that page as PDF (needs chromium).")] = False,
-    language: Annotated[str, typer.Option(help="en or de", autocompletion=languages)] = "en",
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    results: list[Path],
+    loaded: Annotated[list[Path] | None, typer.Option("--loaded")] = None,
+    profile: Path | None = None,
+    out: Path | None = None,
+    letterhead: Path | None = None,
+    pdf: Annotated[bool, typer.Option("--pdf")] = False,
+    language: Annotated[str, typer.Option(autocompletion=languages)] = "en",
+    as_json: AsJson = False,
 ) -> None:
-    """Say what changed between results of one machine.
-
-    Whether it is more than the uncertainty, and with --loaded whether the prediction came true; from three results on, the trend.
-    """
+    """Say what changed between results of one machine."""
     from stepdiag.base.result.typed import written
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
 
     if len(results) < 2:
-        raise UsageError("compare", expected="at least two results", found=str(len(results)))
+        raise UsageError("compare", expected=message("two-results"), found=str(len(results)))
     if profile is not None and not loaded:
-        raise UsageError("--profile", expected="--loaded with it", found="no files")
-    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": _language(language) != "en"}
+        raise UsageError("--profile", expected=message("with-option", option="--loaded"), found=message("no-files"))
+    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": language_named(language) != "en"}
     if out is None and any(page.values()):
-        raise UsageError(next(name for name, given in page.items() if given), expected="--out FILE.html with it", found="no page")
+        raise UsageError(
+            next(name for name, given in page.items() if given),
+            expected=message("with-option", option="--out FILE.html"),
+            found=message("no-report-page"),
+        )
     read = [read_result(path, name) for path, name in zip(results, _distinct(results), strict=True)]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
@@ -192,22 +183,13 @@ def _write_as_left(
     from stepdiag.report.output import write_report
 
     if out.suffix.lower() not in {".html", ".htm"}:
-        raise UsageError("--out", expected="a file FILE.html", found=str(out))
+        raise UsageError("--out", expected=message("file-named", endings=["*.html"]), found=str(out))
     page = build_as_left(
-        before, after, left, _concluded(before, exported), exported=exported, language=_language(language),
+        before, after, left, _concluded(before, exported), exported=exported, language=language_named(language),
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
     )  # fmt: skip
     for path in write_report(page, out, pdf=pdf):
-        typer.echo(f"as left: {path}", err=True)
-
-
-def _language(wanted: str) -> "Language":
-    from stepdiag.texts.texts import LANGUAGES
-
-    chosen = next((known for known in LANGUAGES if known == wanted), None)
-    if chosen is None:
-        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
-    return chosen
+        print_words(message("as-left-written", path=str(path)), err=True)
 
 
 def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
@@ -225,10 +207,10 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 
-    words = catalogue("report", "en")
+    words = catalogue("report", viewers_language())
     kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
-    typer.echo(f"predicted: {interval_words(None if concluded.reach is None else concluded.reach.rms_after)} µm (rms, k = 2)")
-    typer.echo(f"as left:   {interval_words(left.rms)} µm (rms, k = 2)")
+    predicted = None if concluded.reach is None else concluded.reach.rms_after
+    print_words(message("predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)))
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
@@ -241,11 +223,10 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     names = [result.source for result in read]
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
-    what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
-    console.print(f"{what} (rms, k = 2): {comparison.before.words()} µm, then {comparison.after.words()} µm")
-    for each in comparison.remarks:
-        console.print(str(each), soft_wrap=True)
-    console.print("All quantities together are reported as changed by chance in 4.6 % of comparisons (k = 2).", soft_wrap=True)
+    what = message("effect-of-volume") if comparison.common.solid else message("effect-of-axes")
+    print_words(message("before-then-after", what=what, before=comparison.before.words(), after=comparison.after.words()))
+    for each in (*comparison.remarks, message("changed-by-chance")):
+        print_words(each)
     if trends:
         console.print(trend_table(trends, names))
     say_granted(read)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-SurveyFile = Annotated[Path, typer.Argument(help="The survey file (TOML).")]
+from stepdiag.base.messages import joined, message
 
 
 def register(app: typer.Typer) -> None:
@@ -13,22 +13,27 @@ def register(app: typer.Typer) -> None:
     app.command("run")(run)
     app.command("complete", hidden=True)(complete)
     app.command("pack", hidden=True)(pack)
+    app.command("page", hidden=True)(page)
 
 
-def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", help="Also log what is for debugging.")] = False) -> None:
-    """Record surveys beside the machine (the daemon).
-
-    Solves and exports each when its last pass is in. Ends with SIGTERM or Ctrl-C.
-    """
+def run(file: Path, verbose: Annotated[bool, typer.Option("--verbose")] = False) -> None:
+    """Record surveys beside the machine (the daemon)."""
     from stepdiag.daemon.service import record
 
     record(file, verbose=verbose)
 
 
+def page(file: Path) -> None:
+    """Show a survey that a daemon records (what systemd starts for the page's first visitor)."""
+    from stepdiag.page.process import serve_activated
+
+    serve_activated(file)
+
+
 def complete(
     folder: Path,
-    readings: Annotated[bool, typer.Option("--readings", help="Only the readings.")] = False,
-    certificate: Annotated[bool, typer.Option("--certificate", help="Only the certificate.")] = False,
+    readings: Annotated[bool, typer.Option("--readings")] = False,
+    certificate: Annotated[bool, typer.Option("--certificate")] = False,
 ) -> None:
     """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority
@@ -40,7 +45,7 @@ def complete(
     if readings:
         leave_readings([folder], folder)
         return
-    from stepdiag.base.messages import joined, kept, message
+    from stepdiag.base.messages import kept
     from stepdiag.report.completed import write_completed_report
     from stepdiag.terminal.exits import refusals_shown
 
@@ -54,7 +59,7 @@ def complete(
         done = finish([folder], folder)
         write_completed_report(done)
     refused = kept(joined([message("export-refused", control=name, why=why) for name, why in done.refusals.items()]))
-    typer.echo(refused or f"result in {done.folder}", err=bool(refused))
+    typer.echo(refused or done.folder, err=bool(refused))
 
 
 def pack(folder: Path, max_gb: float) -> None:

@@ -1,25 +1,18 @@
-"""Linear runs and straight diagonals of other programs: ``--run`` of solve, ``--diagonal`` of verify, and ``stepdiag rtl``."""
+"""Runs of other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of ``import``, and ``stepdiag rtl``."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.readings import Readings
     from stepdiag.base.result.result import Result
-
-Runs = Annotated[
-    list[str] | None,
-    typer.Option("--run", help="A linear run of a Renishaw file: [linear-x=]FILE.rtl[@X,Y,Z] (where its line lies); may be given again."),
-]
-Diagonals = Annotated[
-    list[str] | None,
-    typer.Option("--diagonal", help="A straight body diagonal measured by itself, DIAGONAL=FILE.rtl: predicted against measured."),
-]
 
 
 class Compared(NamedTuple):
@@ -42,14 +35,11 @@ def register(app: typer.Typer) -> None:
 
 
 def rtl(
-    readings: Annotated[Path, typer.Argument(help="A readings CSV with linear runs.")],
-    out: Annotated[Path, typer.Option(help="The folder for the files.")] = Path(),
-    machine: Annotated[str, typer.Option(help="The machine as it is to stand in the files.")] = "",
+    readings: Path,
+    out: Path = Path(),
+    machine: str = "",
 ) -> None:
-    """Write linear runs as Renishaw .rtl files.
-
-    One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
-    """
+    """Write linear runs as Renishaw .rtl files."""
     from stepdiag.base.files import read_text, refuse_file_name, write_together
     from stepdiag.base.names import LINEAR_RUNS
     from stepdiag.base.readings.readings import parse_readings
@@ -58,7 +48,7 @@ def rtl(
     taken = parse_readings(read_text(readings), readings.name)
     setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
     if not setups:
-        raise DataError(str(readings), expected="linear runs", found=", ".join(sorted(set(taken.setup))))
+        raise DataError(str(readings), expected=message("linear-runs"), found=", ".join(sorted(set(taken.setup))))
     texts = {"Machine": machine} if machine else {}
     refuse_file_name(out)
     rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups}
@@ -97,7 +87,9 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     for option in diagonals:
         diagonal, separator, name = option.partition("=")
         if not separator:
-            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(option))
+            raise UsageError(
+                "--diagonal", expected=message("such-as", what=message("diagonal-file"), example="ppp=d1.rtl"), found=repr(option)
+            )
         file = parse_rtl(read_text(Path(name)), name)
         order = np.argsort(file.targets_mm)
         target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
@@ -108,13 +100,13 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
-    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} µm")
+    print_words(message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um))
     typer.echo("  target_mm  predicted_um  measured_um")
     for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
 
 
-def _placed(option: str) -> tuple[str, Path, list[float]]:
+def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
     """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where absent. Raises UsageError."""
     from stepdiag.base.names import LINEAR_RUNS
 
@@ -124,12 +116,39 @@ def _placed(option: str) -> tuple[str, Path, list[float]]:
     setup, separator, name = rest.partition("=")
     if not separator:
         setup, name = "", rest
-    if setup and setup not in LINEAR_RUNS:
-        raise UsageError("--run", expected=f"{', '.join(LINEAR_RUNS)} before the =", found=repr(setup))
+    if (setup or where != "--run") and setup not in LINEAR_RUNS:
+        raise UsageError(where, expected=message("before-equals", names=LINEAR_RUNS), found=repr(setup))
     try:
         at_mm = [float(part or "nan") for part in place.split(",")] if place else []
     except ValueError:
         at_mm = [0.0]
     if len(at_mm) not in (0, 3):
-        raise UsageError("--run", expected="three coordinates after the @, such as @0,200,150", found=repr(place))
+        expected = message("such-as", what=message("coordinates-after-at"), example="@0,200,150")
+        raise UsageError(where, expected=expected, found=repr(place))
     return setup, Path(name), [0.0 if each != each else each for each in at_mm]  # noqa: PLR0124 - the one along the axis may be left out
+
+
+def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> None:
+    """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder. Raises DataError or UsageError."""
+    import numpy as np
+
+    from stepdiag.base.files import read_text, write_together
+    from stepdiag.base.readings.readings import render_readings
+    from stepdiag.fourdof.tables import angles_of, columns_named, parse_run, readings_of, straightness_of
+    from stepdiag.solver.model.angles import render_angles
+    from stepdiag.solver.model.straightness_file import render_straightness
+
+    named = columns_named(columns)
+    placed = [_placed(table, "TABLES") for table in tables]
+    runs = [parse_run(read_text(path), setup, named, path.name) for setup, path, _ in placed]
+    readings = readings_of(runs, named, [np.array(at_mm or [0.0, 0.0, 0.0]) for _, _, at_mm in placed])
+    angles, straightness = angles_of(runs, named), straightness_of(runs, named)
+    texts = {
+        "readings.csv": render_readings(readings) if readings is not None else "",
+        "angles.csv": render_angles(angles) if angles else "",
+        "straightness.csv": render_straightness(straightness) if straightness else "",
+    }
+    write_together({out / name: text.encode("utf-8") for name, text in texts.items() if text}, over=False)
+    for name, text in texts.items():
+        if text:
+            typer.echo(str(out / name))

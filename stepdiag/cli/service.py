@@ -5,54 +5,50 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words
+
 if TYPE_CHECKING:
     from stepdiag.daemon.installation import Step
 
-SurveyFile = Annotated[Path, typer.Argument(help="The survey file, in /etc/stepdiag.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what would be done, and do nothing.")]
-Root = Annotated[Path, typer.Option("--root", help="Where the root of the file system is, to prepare another one.")]
+DryRun = Annotated[bool, typer.Option("--dry-run")]
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
-    service = typer.Typer(no_args_is_help=True, help="A survey as a service of systemd.")
+    service = typer.Typer(no_args_is_help=True)
     service.command("install")(install)
     service.command("remove")(remove)
     service.command("publish")(publish)
     app.add_typer(service, name="service")
 
 
-def install(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) -> None:
-    """Write unit, rules, token and a drop-in that opens what the survey needs.
-
-    Doing it again changes what has changed, and nothing else.
-    """
+def install(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
+    """Write unit, rules, token and a drop-in that opens what the survey needs."""
     from stepdiag.daemon.installation import carry_out, plan_install
 
     steps = plan_install(file, root)
     _show(steps, texts=dry_run)
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload")
-        typer.echo(f"      systemctl enable --now stepdiag@{file.stem}")
+        shows = any(f"stepdiag-page@{file.stem}.socket" in str(step.path) for step in steps if step.does != "remove")
+        reload = "systemd-sysusers && systemctl restart systemd-modules-load && udevadm control --reload && systemctl daemon-reload"
+        enabled = f"stepdiag@{file.stem}" + f" stepdiag-page@{file.stem}.socket" * shows
+        print_words(message("next-command", command=f"{reload} && systemctl enable --now {enabled}"))
 
 
 def publish(
-    file: SurveyFile,
-    broker: Annotated[str, typer.Option(help="HOST or HOST:PORT of an MQTT broker.")] = "",
-    opcua: Annotated[str, typer.Option(help="Or: ADDRESS or ADDRESS:PORT of this computer, for an OPC UA server.")] = "",
-    ca: Annotated[Path | None, typer.Option("--ca", help="The certificate of the broker's authority, below /etc.")] = None,
-    certificate: Annotated[Path | None, typer.Option(help="The OPC UA server's certificate, below /etc.")] = None,
-    plain: Annotated[bool, typer.Option("--plain", help="Without encryption.")] = False,
-    end: Annotated[bool, typer.Option("--remove", help="Remove what this command wrote.")] = False,
+    file: Path,
+    broker: str = "",
+    opcua: str = "",
+    ca: Annotated[Path | None, typer.Option("--ca")] = None,
+    certificate: Path | None = None,
+    plain: Annotated[bool, typer.Option("--plain")] = False,
+    end: Annotated[bool, typer.Option("--remove")] = False,
     dry_run: DryRun = False,
-    root: Root = Path("/"),
+    root: Path = Path("/"),
 ) -> None:
-    """Write a unit of its own for `stepdiag publish`, with few rights.
-
-    User, password and key are files of mode 600 beside the survey file: NAME.mqtt-user, NAME.mqtt-password, NAME.opcua-user and so on.
-    The command shows which of them were found; user and password go together.
-    """
+    """Write a unit of its own for `stepdiag publish`, with few rights."""
     from stepdiag.base.errors import UsageError
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
     from stepdiag.daemon.installation import carry_out
@@ -60,20 +56,28 @@ def publish(
 
     if not end and bool(broker) == bool(opcua):
         raise UsageError(
-            "service publish", expected="--broker HOST[:PORT] or --opcua ADDRESS[:PORT]", found="both" if broker else "neither"
+            "service publish",
+            expected=message("either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]"),
+            found=message("both" if broker else "neither"),
         )
     port = OPCUA_PORT if opcua else PORT if plain else SECURE_PORT
     publication = Publication(broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain)
     steps = plan_end(file, root) if end else plan_publication(file, root, publication)
     _show(steps, texts=dry_run and not end)
     for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
-        typer.echo(f"credential {each}: {file.stem}.{each} " + ("found" if found else "is not there, and left out"))
+        print_words(
+            message("credential", name=each, file=f"{file.stem}.{each}", state=message("credential-found" if found else "left-out-alone"))
+        )
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end))
+        print_words(
+            message(
+                "next-command", command="systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end)
+            )
+        )
 
 
-def remove(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) -> None:
+def remove(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
     """Remove what `install` wrote; survey file, token and what was measured stay."""
     from stepdiag.daemon.installation import carry_out, plan_removal
     from stepdiag.daemon.publication import plan_end
@@ -82,12 +86,12 @@ def remove(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) ->
     _show(steps, texts=False)
     if not dry_run:
         carry_out(steps)
-        typer.echo("next: systemctl daemon-reload")
+        print_words(message("next-command", command="systemctl daemon-reload"))
 
 
 def _show(steps: "list[Step]", *, texts: bool) -> None:
     if not steps:
-        typer.echo("nothing to do")
+        print_words(message("nothing-to-do"))
     for step in steps:
         typer.echo(f"{step.does}: {step.path}")
         if texts and step.does == "write":

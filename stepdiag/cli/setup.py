@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.cli.check import NOT_REACHED
-from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked, on_terminal
+from stepdiag.cli.questions import asked, machine_class_asked, on_terminal
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
@@ -25,50 +27,48 @@ def register(app: typer.Typer) -> None:
 
 
 def setup(
-    file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml"),
-    machine: Annotated[str | None, typer.Option(help="The machine as it is to stand in the report.")] = None,
-    laser_port: Annotated[str | None, typer.Option(help="Serial port, socket://host:port or rfc2217://host:port.")] = None,
-    laser_format: Annotated[str | None, typer.Option(help=f"{', '.join(_FORMATS)}; without it stepdiag listens.")] = None,
-    baud: Annotated[int, typer.Option(help="Its rate; 0: the usual ones.")] = 0,
-    host: Annotated[str | None, typer.Option(help="Name or address of the control; none: a machine without signals.")] = None,
-    port: Annotated[int, typer.Option(help="Its TCP port; 0: that of each protocol.")] = 0,
-    control: Annotated[
-        str | None, typer.Option(help="modbus, siemens-828d, siemens-840dsl, heidenhain, none; without it it is asked.")
-    ] = None,
-    size: Annotated[str | None, typer.Option(help="Edges of the volume in mm: 500,400,300.")] = None,
-    origin: Annotated[str | None, typer.Option(help="Its low corner in machine coordinates, mm.")] = None,
-    increments: Annotated[str | None, typer.Option(help="Increments per axis.")] = None,
-    chain: Annotated[str | None, typer.Option(help="From workpiece to tool, F the foundation: FXYZ.")] = None,
-    compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is stated later.")] = None,
-    machine_class: MachineClassName = None,
-    feedback: Feedback = None,
-    pitch_mm: Pitch = None,
-    seconds: Annotated[float, typer.Option(help="How long to listen and to show the signals.")] = 3.0,
+    file: Annotated[Path, typer.Argument()] = Path("survey.toml"),
+    machine: str | None = None,
+    laser_port: str | None = None,
+    laser_format: str | None = None,
+    baud: int = 0,
+    host: str | None = None,
+    port: int = 0,
+    control: str | None = None,
+    size: str | None = None,
+    origin: str | None = None,
+    increments: str | None = None,
+    chain: str | None = None,
+    compensation: str | None = None,
+    machine_class: str | None = None,
+    feedback: str | None = None,
+    pitch_mm: str | None = None,
+    seconds: float = 3.0,
 ) -> None:
-    """Ask for a first survey, show what is there, write its file.
-
-    Lists the ports, recognises the instrument, asks the control in every protocol and shows its signals. Never over an existing file, and
-    nothing is written to the machine.
-    """
+    """Ask for a first survey, show what is there, write its file."""
     from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import Answers, composed, increments_for
 
     if not 1.0 <= seconds < float("inf"):
-        raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
+        raise UsageError(
+            "--seconds",
+            expected=message("number-limited", kind=message("a-number"), limits=[message("limit-or-more", limit=1)]),
+            found=f"{seconds:g}",
+        )
     refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
     found_control, found_host, found_port = _control(control, host, port)
-    named = asked("machine", "The machine as it is to stand in the report", machine, _text)
-    size_mm = asked("size", "Edges of the volume in mm (x y z)", size, _three)
+    named = asked("machine", message("ask-machine"), machine, _text)
+    size_mm = asked("size", message("ask-size"), size, _three)
     usual = machine_class_asked(machine_class, feedback, pitch_mm)
     answers = Answers(
         name=_name(file),
         machine=named,
         size_mm=size_mm,
-        origin_mm=asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
-        increments=asked("increments", "Increments per axis", increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
-        chain=asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
-        compensation=asked("compensation", "Its compensation while measuring (off, or ?: stated later)", compensation, _switched, "?"),
+        origin_mm=asked("origin", message("ask-origin"), origin, _three, "0 0 0"),
+        increments=asked("increments", message("ask-increments"), increments, _whole, str(increments_for(size_mm, usual.pitch_mm))),
+        chain=asked("chain", message("ask-chain"), chain, _chain, "FXYZ"),
+        compensation=asked("compensation", message("ask-compensation"), compensation, _switched, "?"),
         laser_port=line,
         laser_format=form,
         baud=rate,
@@ -80,7 +80,7 @@ def setup(
     text = composed(answers, file.name)
     well = _shown(text, file.name, seconds)
     write_new(file, text)
-    typer.echo(f"{file} written: {_next(answers, file)}")
+    print_words(message("written-next", path=str(file), what=_next(answers, file)))
     if not well:
         raise typer.Exit(NOT_REACHED)
 
@@ -94,21 +94,19 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         for number, each in enumerate(seen, start=1):
             typer.echo(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
-        port = asked(
-            "laser-port", "The laser's port (number, name, or socket://host:port)", None, lambda text: known.get(text, _port(text))
-        )
+        port = asked("laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text)))
     port = _port(port)
     if form is not None:
         return port, _format(form), baud
-    heard = _while_saying(f"listening on {port} ...", lambda: listen(port, baud, seconds))
+    heard = _while_saying(message("listening-on", port=port), lambda: listen(port, baud, seconds))
     if heard.trouble:
-        raise DeviceError("laser", expected="a port that can be listened to", found=heard.trouble)
+        raise DeviceError("laser", expected=message("audible-port"), found=heard.trouble)
     if heard.format in _FORMATS:
-        typer.echo(f"it is {heard.format} at {heard.baud} baud" if not port.startswith("socket://") else f"it is {heard.format}")
+        print_words(message("it-is", name=heard.format if port.startswith("socket://") else f"{heard.format}, {heard.baud} baud"))
         return port, heard.format, heard.baud
-    begins = f"it begins with {heard.data[:SHOWN_BYTES].hex(' ')}" if heard.data else "silence"
-    typer.echo(f"nothing known speaks there ({begins}); lines and frames of your own are described in a file that `stepdiag init` writes")
-    return port, asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
+    begins = heard.data[:SHOWN_BYTES].hex(" ") or message("silence")
+    print_words(message("nothing-known", what=begins, remedy=message("own-formats")))
+    return port, asked("laser-format", message("ask-laser-format", names=_FORMATS), None, _format), baud
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
@@ -117,7 +115,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
 
     if control is not None and _known_control(control, "--control") == "none":
         return "none", "", port
-    host = asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
+    host = asked("host", message("ask-host"), host, _text)
     if host == "none":
         return "none", host, port
     if control is not None and not on_terminal():
@@ -125,7 +123,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     answered, port = _probed(control, host, port)
     if control is not None:
         return control, host, port
-    return asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host, port
+    return asked("control", message("ask-control", names=(*CONTROLS, "none")), None, _known_control, _likely(answered)), host, port
 
 
 def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], int]":
@@ -133,26 +131,26 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
-    spoken = "Modbus, S7 and LSV2" if control is None else control
+    spoken = ("Modbus", "S7", "LSV2") if control is None else (control,)
     while True:
-        place = f"{host}, port {port}," if port else host
-        answered = _while_saying(f"asking {place} over {spoken} ...", lambda at=port: probe(host, at, controls))  # type: ignore[misc]
+        place = f"{host}:{port}" if port else host
+        answered = _while_saying(message("asking-over", place=place, names=spoken), lambda at=port: probe(host, at, controls))  # type: ignore[misc]
         for each in answered:
             typer.echo(f"  {each.control}: {each.words}")
         if _likely(answered) is not None:
             return answered, port
-        other = asked("port", "Nothing answers there. TCP port of the control (0: go on without an answer)", None, _tcp_port, "0")
+        other = asked("port", message("ask-port"), None, _tcp_port, "0")
         if not other:
             return answered, port
         port = other
 
 
-def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
     """Return what the work gives. The questions come once the loop runs: who answers them with Ctrl-C ends it in good order."""
     import asyncio
 
     async def asked_and_done() -> T:
-        typer.echo(words)
+        print_words(words)
         return await work()
 
     return asyncio.run(asked_and_done())
@@ -177,9 +175,8 @@ def _shown(text: str, source: str, seconds: float) -> bool:
     return not any(each.severity == "error" for each in found)
 
 
-def _next(answers: "Answers", file: Path) -> str:
-    question = " answer machine.compensation before you export;" if answers.compensation == "?" else ""
-    return f"watch it with `stepdiag check {file}`;{question} `stepdiag plan {file}` says what the survey will tell"
+def _next(answers: "Answers", file: Path) -> Message:
+    return message("check-answer-plan", name=str(file)) if answers.compensation == "?" else message("check-then-plan", name=str(file))
 
 
 def _name(file: Path) -> str:
@@ -190,7 +187,7 @@ def _name(file: Path) -> str:
 
 def _text(text: str) -> str:
     if not text:
-        raise UsageError("answer", expected="a text that is not empty", found=repr(text))
+        raise UsageError("answer", expected=message("a-text-not-empty"), found=repr(text))
     return text
 
 
@@ -203,8 +200,8 @@ def _port(text: str) -> str:
 
 def _format(text: str) -> str:
     if text not in _FORMATS:
-        remedy = "lines and frames of your own are described in a file that `stepdiag init` writes"
-        raise UsageError("laser-format", expected=f"one of {', '.join(_FORMATS)}", found=repr(text), remedy=remedy)
+        remedy = message("own-formats")
+        raise UsageError("laser-format", expected=message("one-of", names=_FORMATS), found=repr(text), remedy=remedy)
     return text
 
 
@@ -212,7 +209,7 @@ def _known_control(text: str, where: str = "control") -> str:
     from stepdiag.daq.survey.controls import CONTROLS
 
     if text not in (*CONTROLS, "none"):
-        raise UsageError(where, expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(text))
+        raise UsageError(where, expected=message("one-of", names=(*CONTROLS, "none")), found=repr(text))
     return text
 
 
@@ -220,7 +217,9 @@ def _three(text: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.replace(",", " ").split())
     except ValueError:
-        raise UsageError("answer", expected="three numbers, such as 500 400 300", found=repr(text)) from None
+        raise UsageError(
+            "answer", expected=message("such-as", what=message("three-numbers"), example="500 400 300"), found=repr(text)
+        ) from None
     return x, y, z
 
 
@@ -228,24 +227,24 @@ def _whole(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise UsageError("answer", expected="a whole number", found=repr(text)) from None
+        raise UsageError("answer", expected=message("whole-number"), found=repr(text)) from None
 
 
 def _tcp_port(text: str) -> int:
     number = _whole(text)
     if not 0 <= number < 65536:
-        raise UsageError("port", expected="a TCP port from 1 to 65535, or 0", found=repr(text))
+        raise UsageError("port", expected=message("tcp-port-or-0"), found=repr(text))
     return number
 
 
 def _chain(text: str) -> str:
     if sorted(text.upper()) != sorted("FXYZ"):
-        raise UsageError("chain", expected="F, X, Y and Z once each, from workpiece to tool, such as FXYZ", found=repr(text))
+        raise UsageError("chain", expected=message("such-as", what=message("chain-letters"), example="FXYZ"), found=repr(text))
     return text
 
 
 def _switched(text: str) -> str:
     if text not in ("off", "?"):
-        remedy = "where it is on, answer ? and name its files in the survey file afterwards (machine.active)"
-        raise UsageError("compensation", expected="off or ?", found=repr(text), remedy=remedy)
+        remedy = message("compensation-on")
+        raise UsageError("compensation", expected=message("one-of", names=["off", "?"]), found=repr(text), remedy=remedy)
     return text

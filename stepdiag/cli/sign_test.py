@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.cli.completion import TABLES, tables
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson, tables
+from stepdiag.terminal.viewer import print_words
 
 if TYPE_CHECKING:
     from stepdiag.exporters.safety.sign_run import SignRun
-    from stepdiag.exporters.safety.sign_test import Bump, Verdict
+    from stepdiag.exporters.safety.sign_test import Bump
 
 NOTE = "SIGNTEST.txt"
-_ENDINGS = "--out DIR to write the bump, or --off FILE --on FILE (or --run FILE) to read the verdict"
 
 
 def register(app: typer.Typer) -> None:
@@ -24,21 +25,18 @@ def register(app: typer.Typer) -> None:
 
 
 def signtest(
-    controller: Annotated[str, typer.Option(help=f"The control: {', '.join(TABLES)}.", autocompletion=tables)],
-    profile: Annotated[Path, typer.Option(help="The machine's profile (TOML).")],
-    function: Annotated[str, typer.Option(help="The function that gets the bump: EXX, EYY, EZZ, or a cross table such as EYX.")] = "EXX",
-    result: Annotated[Path | None, typer.Option(help="The survey's result.json: the run without the bump follows its curve.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the bump into this folder.")] = None,
-    off: Annotated[Path | None, typer.Option(help="Readings (CSV) of the linear run with the table off.")] = None,
-    on: Annotated[Path | None, typer.Option(help="Readings (CSV) of the same run with the table on.")] = None,
-    run: Annotated[Path | None, typer.Option(help="Instead: CSV position_mm,off_um,on_um, for a dial or a straightness laser.")] = None,
-    day: Annotated[datetime | None, typer.Option("--date", formats=["%Y-%m-%d"], help="Day of the runs; default today.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    controller: Annotated[str, typer.Option(autocompletion=tables)],
+    profile: Annotated[Path, typer.Option()],
+    function: str = "EXX",
+    result: Path | None = None,
+    out: Path | None = None,
+    off: Path | None = None,
+    on: Path | None = None,
+    run: Path | None = None,
+    day: Annotated[datetime | None, typer.Option("--date", formats=["%Y-%m-%d"])] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Try the sign of a table on this machine.
-
-    Writes a table with a bump, then reads from two runs what the control did with it.
-    """
+    """Try the sign of a table on this machine."""
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import load_profile
@@ -53,14 +51,14 @@ def signtest(
     if out is not None and off is None and on is None and run is None:
         for name, given in (("--date", day is not None), ("--json", as_json)):
             if given:
-                raise UsageError(name, expected="the runs of a verdict beside it", found="--out alone")
+                raise UsageError(name, expected=message("with-option", option="--off FILE --on FILE (--run FILE)"), found="--out")
         _write(test, out, controller, profile, result)
         return
     if out is not None:
-        raise UsageError("signtest", expected=_ENDINGS, found="both")
+        raise UsageError("signtest", expected=message("bump-or-verdict"), found=message("both"))
     driven = _run(test, off, on, run)
     if measured is None:
-        raise UsageError("--result", expected="the survey's result: the run without the bump has to follow its curve", found="none")
+        raise UsageError("--result", expected=message("result-of-survey"), found=message("none"))
     require_same_machine(measured, known)
     require_sound(test, driven, known_um(measured, control, known, test, driven.position_mm))
     shown = verdict(test, driven.position_mm, driven.off_um, driven.on_um)
@@ -70,8 +68,12 @@ def signtest(
         typer.echo(json.dumps(facts, indent=2))
         return
     kept = record(test, shown, subject(controller, known), when, read_given([each for each in (off, on, run) if each is not None]))
-    typer.echo(f"expected {test.expected_um:+.1f} µm at {test.top_mm:g} mm; {shown.text}")
-    typer.echo(f"\nappend to {profile}:\n\n{kept.as_toml()}{_consequence(test, shown)}")
+    print_words(message("bump-expected", expected_um=test.expected_um, top_mm=test.top_mm, what=shown.words))
+    typer.echo("")
+    print_words(message("append-to", name=str(profile)))
+    typer.echo(f"\n{kept.as_toml()}")
+    if shown.sense != (stated := test.tables[-1].law.sense):
+        print_words(message("sign-differs", sense=shown.sense or message("none"), stated=stated))
 
 
 def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
@@ -119,17 +121,10 @@ def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "
     if run is not None and off is None and on is None:
         return read_sign_run(read_given([run])[0])
     if off is None or on is None or run is not None:
-        raise UsageError("signtest", expected=_ENDINGS, found="neither" if run is None else "both --run and readings")
+        raise UsageError("signtest", expected=message("bump-or-verdict"), found=message("neither" if run is None else "both"))
     moving, measured = test.function[2], test.function[1]
     if moving != measured:
-        found = f"--off and --on for {test.function}"
-        raise UsageError("signtest", expected="--run FILE for a cross table: a linear run sees its own axis only", found=found)
+        found = message("option-pair", one="--off", other="--on")
+        raise UsageError("signtest", expected=message("run-for-cross"), found=found)
     before, after = (parse_readings(read_text(path), path.name) for path in (off, on))
     return from_readings(before, after, moving)
-
-
-def _consequence(test: "Bump", shown: "Verdict") -> str:
-    stated = test.tables[-1].law.sense
-    if shown.sense == stated:
-        return ""
-    return f"\nThis control is {shown.sense}, the tables are written {stated}: an export will be refused until that is settled.\n"

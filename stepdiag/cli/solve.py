@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.cli.runs import Runs, files_of, with_files
-from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import AsJson
+from stepdiag.cli.runs import files_of, with_files
+from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
+from stepdiag.terminal.viewer import print_words, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from stepdiag.base.result.result import Result
-
-Sources = Annotated[list[Path], typer.Argument(help="A readings CSV, or the logs of one survey (files or their folder).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 
 
 MOST_TRIALS = 2_000_000
@@ -35,49 +35,40 @@ def register(app: typer.Typer) -> None:
 
 
 def solve(
-    sources: Sources,
-    out: Annotated[Path | None, typer.Option(help="Where to write the result (JSON).")] = None,
-    method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
-    chain: Annotated[
-        str | None, typer.Option(help=f"Kinematic chain from workpiece to tool, {CHAIN} without it; logs bring their own.")
-    ] = None,
-    angles: Annotated[
-        Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level; logs bring their own.")
-    ] = None,
-    straightness: Annotated[
-        Path | None, typer.Option(help="Straightness functions (CSV), as `fourdof show` writes them; logs bring their own.")
-    ] = None,
-    compensation: Compensation = None,
-    active: Active = None,
+    sources: list[Path],
+    out: Path | None = None,
+    method: str = "estimate",
+    chain: str | None = None,
+    angles: Path | None = None,
+    straightness: Path | None = None,
+    compensation: str | None = None,
+    active: list[Path] | None = None,
     active_date: ActiveDate = None,
-    active_source: ActiveSource = "",
-    environment: Annotated[
-        Path | None, typer.Option(help="Air and material that count in place of what was recorded in logs (TOML, [environment]).")
-    ] = None,
-    uncertainty: Annotated[
-        Path | None, typer.Option(help="What is taken for granted about the machine (TOML, [uncertainty]); logs bring their own.")
-    ] = None,
-    tolerance: Annotated[Path | None, typer.Option(help="What the machine is to keep (TOML, [tolerance]); logs bring their own.")] = None,
-    run: Runs = None,
-    monte_carlo: Annotated[int, typer.Option(help="Draw so many surveys (JCGM 101) and say how they scatter; 200000 are usual.")] = 0,
+    active_source: str = "",
+    environment: Path | None = None,
+    uncertainty: Path | None = None,
+    tolerance: Path | None = None,
+    run: list[str] | None = None,
+    monte_carlo: int = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Solve readings or logs.
-
-    Error functions, squareness and scale with their uncertainty, and what is not identified.
-    """
+    """Solve readings or logs."""
     from stepdiag.completion.readings_file import Beside, solve_readings_file, source_of
     from stepdiag.terminal.tables import result_table
 
     handed = active_files(active)
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         if environment is not None:
-            raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
+            raise UsageError("--environment", expected=message("logs-not-readings"), found=sources[0].name)
         if uncertainty is not None and method in CLOSED:
-            raise UsageError("--uncertainty", expected="--method estimate, which weighs what is assumed", found=method)
+            raise UsageError("--uncertainty", expected="--method estimate", found=method)
         _refuse_angles(angles, handed)
         if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
-            raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
+            raise UsageError(
+                "--monte-carlo",
+                expected=message("number-from-to", kind=message("whole-number"), low=1000, high=MOST_TRIALS),
+                found=str(monte_carlo),
+            )
         beside = Beside(
             angles=angles, straightness=straightness, uncertainty=uncertainty, tolerance=tolerance,
             runs=tuple(source_of("run", file) for file in files_of(run or ())),
@@ -91,7 +82,7 @@ def solve(
         }  # fmt: skip
         option = next((name for name, value in given.items() if value), None)
         if option is not None:
-            raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")
+            raise UsageError(option, expected=message("one-readings-file"), found=message("the-logs"), remedy=message("solve-readings"))
         result = _solve_logs(sources, method, environment)
     result = with_compensation(result, compensation, handed, active_date, active_source)
     if out is not None:
@@ -115,7 +106,6 @@ def in_lines(document: "Mapping[str, Any]") -> list[str]:
     """Return the JSON of a conclusion as lines of a terminal."""
     from stepdiag.conclusion import titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
-    from stepdiag.terminal.viewer import viewers_language
 
     language = viewers_language()
     return list(conclusion_lines(words_of(document, language), titles_of(language)))
@@ -127,7 +117,7 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
     found = left_out(active) if angles is not None else None
     if angles is not None and found is not None:
-        raise UsageError("--angles", expected=f"no angles: {found.words}", found=angles.name)
+        raise UsageError("--angles", expected=message("no-angles", why=found.words), found=angles.name)
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
@@ -139,7 +129,7 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
 
     for path in paths:
         if path.is_file() and ".mcap" not in path.suffixes:
-            raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
+            raise UsageError(str(path), expected=message("readings-or-logs"), found=path.name)
     if environment is None:
         return solve_logs(replay_judged(paths), method)[0]
     result = solve_logs(replay_judged(paths), method, parse_environment(read_text(environment), environment.name))[0]
@@ -147,35 +137,30 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
 
 
 def _write_result(out: Path, result: "Result") -> None:
-    from stepdiag.base.files import write_once
+    from stepdiag.base.files import write_hashed
 
-    target = out / "result.json" if out.is_dir() else out
-    write_once(target, result.to_json())
+    write_hashed(out / "result.json" if out.is_dir() else out, result.to_json())
 
 
 def replay(
-    logs: Annotated[list[Path], typer.Argument(help="The logs of one survey, or their folder.")],
-    out: Annotated[Path | None, typer.Option(help="Where to write the results again; default a folder `replay` beside the logs.")] = None,
-    survey: Annotated[
-        Path | None, typer.Option("--survey", help="A survey file in place of the one in the logs, where that cannot be used any more.")
-    ] = None,
+    logs: list[Path],
+    out: Path | None = None,
+    survey: Annotated[Path | None, typer.Option("--survey")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make result and files again from the logs.
-
-    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is reported.
-    """
+    """Make result and files again from the logs."""
     from stepdiag.daemon.replay import replay_and_compare
 
     compared = replay_and_compare(logs, out, survey)
     if as_json:
         typer.echo(json.dumps(compared.as_json(), indent=2))
     else:
-        typer.echo(compared.in_words())
+        for line in compared.in_words():
+            print_words(line)
     if compared.different:
         raise DataError(
             str(compared.live),
-            expected="the bytes of the live run",
-            found=f"others in {', '.join(compared.different)}",
-            remedy=f"compare with {compared.out}: another version of stepdiag, or a file that was changed",
+            expected=message("bytes-of-live-run"),
+            found=message("several-others", names=compared.different),
+            remedy=message("compare-with", folder=str(compared.out)),
         )

@@ -7,16 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 if TYPE_CHECKING:
     from stepdiag.base.result.result import Result
 
-Compensation = Annotated[
-    str | None, typer.Option(help="off or on: whether a compensation was active while measuring, where the survey does not say it.")
-]
-Active = Annotated[list[Path] | None, typer.Option(help="With on: a file that was active, as read out; may be given again.")]
-ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="The day on which they were read out.")]
-ActiveSource = Annotated[str, typer.Option(help="How they were read out of the control.")]
+ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"])]
 
 
 def active_files(active: list[Path] | None) -> dict[str, bytes]:
@@ -39,18 +35,20 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
         given = {"--active": ", ".join(files), "--active-date": "" if day is None else f"{day:%Y-%m-%d}", "--active-source": source}
         for option, found in given.items():
             if found:
-                raise UsageError(option, expected="--compensation on with it", found=found)
+                raise UsageError(option, expected=message("with-option", option="--compensation on"), found=found)
         return result
     if state not in ("off", "on"):
-        raise UsageError("--compensation", expected="off or on", found=state)
+        raise UsageError("--compensation", expected=message("one-of", names=["off", "on"]), found=state)
     state_there = stated_in(result).state
     if state_there in ("off", "on"):
-        raise UsageError("--compensation", expected=f'nothing: the survey of {result.source} says "{state_there}"', found=state)
+        raise UsageError("--compensation", expected=message("stated-already", name=result.source, state=state_there), found=state)
     if (state == "on") != bool(files):
-        raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(files)} files")
+        raise UsageError("--active", expected=message("active-with-on"), found=message("number-of-files", count=len(files)))
     if state == "off" and (day is not None or source):
-        raise UsageError("--active-date, --active-source", expected="neither with --compensation off", found="one of them")
+        raise UsageError(
+            "--active-date, --active-source", expected=message("without-option", option="--compensation off"), found=message("one-of-both")
+        )
     if state == "on" and (day is None or not source.strip()):
-        raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
+        raise UsageError("--active-date, --active-source", expected=message("when-and-how"), found=message("nothing"))
     statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
     return replace(result, survey=statement.facts(result.survey))

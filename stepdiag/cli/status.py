@@ -3,17 +3,19 @@
 import json
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from stepdiag.base.messages import message
-from stepdiag.terminal.viewer import shown
+from stepdiag.base.messages import Message, Words, message
+from stepdiag.cli.completion import AsJson
+from stepdiag.terminal.viewer import empty_table, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.table import Table
 
-    from stepdiag.base.messages import Words
     from stepdiag.daemon.survey_state import Standing
 
 
@@ -33,13 +35,10 @@ def register(app: typer.Typer) -> None:
 
 
 def status(
-    path: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+    path: Path,
+    as_json: AsJson = False,
 ) -> None:
-    """Say what of a survey is kept and what to drive again.
-
-    And why. Nothing is changed.
-    """
+    """Say what of a survey is kept and what to drive again."""
     from stepdiag.daemon.survey_state import standing_of
 
     found = standing_of(path)
@@ -71,9 +70,10 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "findings": [msgspec.to_builtins(each) for each in found.findings],
         "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [_plain(setup) for setup in found.setups],
+        "ahead": {"setup": found.ahead.setup, "further": found.ahead.further, "text": str(found.ahead.words)},
         "live": _plain(found.live),
         "disk": str(found.disk),
-        "logs": [asdict(log) for log in found.logs],
+        "logs": [asdict(log) | {"trouble": str(log.trouble)} for log in found.logs],
         "conclusion": None if found.result is None else conclusion_in(found.result.parent),
     }
 
@@ -81,8 +81,6 @@ def _as_json(found: "Standing") -> dict[str, Any]:
 def _plain(value: object) -> Any:
     """Return a struct for JSON: a message that stands where a text does is its English."""
     import msgspec
-
-    from stepdiag.base.messages import Message
 
     if isinstance(value, Message):
         return str(value)
@@ -98,21 +96,28 @@ def _print(found: "Standing") -> None:
     recorder = message("recorder-records") if found.recording else message("no-recorder")
     typer.echo(shown(message("status-survey", survey=found.survey, machine=found.machine, where=where, recorder=recorder)))
     Console().print(_table(found))
-    for line in _live(found):
-        typer.echo(shown(line))
-    for setup in found.setups:
-        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
-            typer.echo(shown(message("labelled", name=setup.name, what=words)))
-    for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
-        typer.echo(shown(line))
-    if found.disk:
-        typer.echo(shown(found.disk))
-    if found.changed:
-        typer.echo(shown(message("survey-file-changed")))
-    for line in _next(found):
+    for line in (*_live(found), *_remarks(found), *_next(found), *_ahead(found)):
         typer.echo(shown(line))
     for line in _concluded(found):
         typer.echo(line)
+
+
+def _remarks(found: "Standing") -> "Iterator[Words]":
+    """Yield what a person has to see to: setups, clock, logs, disk, corrections, and a survey file that has changed."""
+    for setup in found.setups:
+        for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
+            yield message("labelled", name=setup.name, what=words)
+    yield from _undated(found)
+    yield from (message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble)
+    if found.disk:
+        yield found.disk
+    yield from (message("status-corrected", what=line) for line in found.corrections)
+    if found.changed:
+        yield message("survey-file-changed")
+
+
+def _ahead(found: "Standing") -> "list[Words]":
+    return [message("status-ahead", what=found.ahead.words)] if found.ahead.words else []
 
 
 def _undated(found: "Standing") -> "list[Words]":
@@ -138,11 +143,8 @@ def concluded_in(folder: Path) -> list[str]:
 
 
 def _table(found: "Standing") -> "Table":
-    from rich.table import Table
 
-    table = Table()
-    for column in (message("column-setup"), message("column-passes"), message("column-stops"), message("column-state")):
-        table.add_column(shown(column), justify="right" if column.key in {"column-passes", "column-stops"} else "left")
+    table = empty_table(message("table-status"))
     for setup in found.setups:
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)
@@ -201,6 +203,8 @@ def _next(found: "Standing") -> "list[Words]":
     """Return what to do next."""
     from stepdiag.daq.records.survey_folder import RESULT
 
+    if found.wrong_line:
+        return [message("status-correct", line=found.wrong_line)]
     if not found.complete:
         return [message("status-next", what=found.next_setup), *_still(found), *_doubted(found)]
     if found.result is not None:

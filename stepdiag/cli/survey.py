@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, machine_class_asked
+from stepdiag.base.messages import message
+from stepdiag.cli.questions import machine_class_asked
+from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
@@ -14,18 +16,15 @@ def register(app: typer.Typer) -> None:
 
 
 def init(
-    file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml"),
-    machine_class: MachineClassName = None,
-    feedback: Feedback = None,
-    pitch_mm: Pitch = None,
+    file: Annotated[Path, typer.Argument()] = Path("survey.toml"),
+    machine_class: str | None = None,
+    feedback: str | None = None,
+    pitch_mm: str | None = None,
 ) -> None:
-    """Write a commented survey file; never over an existing one.
-
-    On a terminal it asks for the class of the machine, which sets the usual sizes of its errors.
-    """
+    """Write a commented survey file; never over an existing one."""
     from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import begun
 
     refuse_existing(file)
     write_new(file, begun(machine_class_asked(machine_class, feedback, pitch_mm), file.name))
-    typer.echo(f"{file} written: fill in [volume], [laser] and [plc], then run `stepdiag check {file}`")
+    print_words(message("survey-written", path=str(file)))

@@ -73,8 +73,13 @@ def require_alike(before: Result, after: Result) -> None:
     """Raise ``DataError`` where two results are not of one machine as it stood: another name, or what `alike.apart` names."""
     first, second = ((result.survey or Facts()).machine for result in (before, after))
     if first and second and first != second:
-        remedy = "compare results of one machine; where it was only renamed, put the old name into the result's survey.machine"
-        raise DataError(f"{after.source}: survey.machine", expected=f"{first!r} as in {before.source}", found=repr(second), remedy=remedy)
+        remedy = message("compare-renamed")
+        raise DataError(
+            f"{after.source}: survey.machine",
+            expected=message("as-in", value=repr(first), name=before.source),
+            found=repr(second),
+            remedy=remedy,
+        )
     why = apart(standing_of(before), standing_of(after))
     if why is not None:
         raise DataError(
@@ -107,8 +112,10 @@ def require_same_volume(before: Result, after: Result) -> None:
     if not same_volume(standing_of(before), standing_of(after)):
         boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
         shown = [f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes]
-        remedy = "drive the survey after loading over the volume of the one before"
-        raise DataError(f"{after.source}: volume", expected=f"{shown[0]} as in {before.source}", found=shown[1], remedy=remedy)
+        remedy = message("same-volume-again")
+        raise DataError(
+            f"{after.source}: volume", expected=message("as-in", value=shown[0], name=before.source), found=shown[1], remedy=remedy
+        )
 
 
 def _interval(result: Result, common: Volume) -> Interval:
@@ -228,7 +235,7 @@ def _common_nodes(before: Function, after: Function) -> Vector:
     low, high = fine.position_mm[0] - 1e-6, fine.position_mm[-1] + 1e-6
     nodes: Vector = coarse.position_mm[(coarse.position_mm >= low) & (coarse.position_mm <= high)]
     if len(nodes) < 2:
-        raise DataError("errors", expected="functions over a common range", found="no common range", remedy="compare results of one volume")
+        raise DataError("errors", expected=message("common-range"), found=message("none"), remedy=message("compare-one-volume"))
     return nodes
 
 
@@ -247,7 +254,7 @@ def _common_volume(results: Sequence[Result]) -> Volume:
     high = np.min([np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0)
     travelled = np.all([result.volume.travelled for result in results], axis=0)
     if np.any((high <= low) & travelled) or not travelled.any():
-        raise DataError("volume", expected="volumes that overlap", found="none in common", remedy="compare results of one machine")
+        raise DataError("volume", expected=message("overlapping-volumes"), found=message("none"), remedy=message("compare-one-machine"))
     x, y, z = low.tolist()
     a, b, c = np.where(travelled, high - low, 0.0).tolist()
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=min(result.volume.increments for result in results))

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
 from stepdiag.terminal.printable import printable
+from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
@@ -21,16 +23,14 @@ def which(result: Result) -> dict[str, str]:
 
 def sources(results: Sequence[Result]) -> Text:
     """Return one line a result: its file, and of what survey it is."""
-    return Text(
-        "\n".join(printable(f"{one.source}: {', '.join(which(one).values()) or 'says neither machine nor time'}") for one in results)
-    )
+    of = [", ".join(which(one).values()) or shown(message("neither-machine-nor-time")) for one in results]
+    return Text("\n".join(printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)))
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
     """Return one row a quantity: both values, difference, its expanded uncertainty, and whether it is more than that."""
-    table = Table(title=Text(f"{before} -> {after}"))
-    for column in ("quantity", "at / mm", "before", "after", "difference", "U (k = 2)", "unit", "verdict"):
-        table.add_column(column, justify="left" if column in {"quantity", "unit", "verdict"} else "right")
+    table = empty_table(message("table-changes"))
+    table.title = Text(f"{before} -> {after}")
     for change in comparison.changes:
         table.add_row(*_row(change), style="bold" if change.significant else "")
     return table
@@ -48,9 +48,7 @@ def _shown(value: float | None, decimals: int = 2) -> str:
 
 def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
     """Return one row a quantity and one column a result, values with their expanded uncertainty."""
-    table = Table(title="trend")
-    table.add_column("quantity")
-    table.add_column("unit")
+    table = empty_table(message("table-trends"))
     for name in names:
         table.add_column(Text(name), justify="right")
     for one in trends:

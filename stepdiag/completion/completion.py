@@ -16,20 +16,24 @@ import msgspec
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
-from stepdiag.base.files import as_text, holds, write_atomically, write_once
+from stepdiag.base.files import as_text, holds, write_atomically, write_hashed, write_once
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
 from stepdiag.base.result.result import Result, parse_result
+from stepdiag.completion.exchanged import exchanged
+from stepdiag.completion.one_scale import one_scale
+from stepdiag.completion.proof import proof_findings
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.archive import digest
+from stepdiag.daq.recording.corrections import corrections_in, replay_corrected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
-from stepdiag.daq.replay import Replayed, find_logs, replay
+from stepdiag.daq.replay import Replayed, find_logs
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
 from stepdiag.daq.survey.environment import NAMES
@@ -80,7 +84,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
-    write_once(out / RESULT, text)
+    write_hashed(out / RESULT, text)
     return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
 
 
@@ -100,7 +104,7 @@ def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Rep
     """Return logs with the verdicts of persons and the solver beside them. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
-    replayed = replay(logs, survey_file, verdicts.suspicions)
+    replayed = replay_corrected(logs, survey_file, verdicts.suspicions)
     verdicts.tell(replayed.book)
     return replayed
 
@@ -122,17 +126,20 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     without = left_out(active_in(survey, replayed.files)) if angles else None
     if without is not None:
         angles, twice = {}, (without,)
+    assumed = with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured])
     result = solve(
         readings,
         chain=survey.machine.chain,
         method=chosen,
         angles=angles or None,
         straightness=head.straightness,
-        assumed=with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unmeasured]),
+        assumed=assumed,
     )
-    solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unmeasured))
+    contradicted = (*one_scale(survey, result), *exchanged(survey, readings, assumed))
+    solved = (*head.findings, *twice, *result.findings, *contradicted, *assumed_findings(survey, len(readings), unmeasured))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (
+        *proof_findings(survey, replayed.files, readings),
         *compensation_findings(survey),
         *unchecked(survey, {*(one.name for one in unmeasured), *(environment or {})}),
         *clock_findings(replayed.book),
@@ -198,6 +205,7 @@ def _facts(replayed: Replayed) -> Facts:
         ended=ended,
         temperature_note=identity.temperature_note,
         event=identity.event,
+        corrected=" | ".join(map(str, corrections_in(_folder(replayed)))),
         **msgspec.structs.asdict(survey.report),
         wavelength_nm=None if survey.laser.compensated else survey.laser.wavelength_nm,
         at_20_c=survey.machine.apply_expansion,

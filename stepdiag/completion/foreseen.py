@@ -9,36 +9,45 @@ from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.volume import MOST_INCREMENTS, in_step
 from stepdiag.daq.survey.assumed import assumptions_of
-from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.survey.models import Head, Survey
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.tables.controller import Multiplying
-from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.circumstances import PITCH_AND_YAW, Circumstances
 from stepdiag.solver.planning.information import Zone
 from stepdiag.solver.planning.planner import forecast
 
-FOURDOF_FORMATS = ("fourdof", "tqd")
-"""Heads that make runs of their own beside the laser's."""
 LINUXCNC = "linuxcnc"
 """The control whose kinematics take a lattice."""
 
 
 def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
     """Return the job's circumstances as far as the survey file tells them, and the profiles of its controls in its ``folder``."""
-    head = survey.head is not None and survey.head.format in FOURDOF_FORMATS
+    turns = _turns(survey.head)
     controls = [CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS]
     by_axis = bool(controls) and not any(isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls)
     finer = () if survey.uncertainty.pitch_mm is None else range(1, MOST_INCREMENTS + 1)
     return Circumstances(
         chain=survey.machine.chain,
         assumed=assumptions_of(survey),
-        head=head,
+        head=survey.head is not None,
+        head_turns=turns,
+        head_u_urad=survey.head.angles.u_urad if survey.head is not None and survey.head.angular else Circumstances().head_u_urad,
         aim="tables" if by_axis else "lattice",
         zone=None if folder is None else _zone(survey, folder),
         in_step=tuple(
             n for n in finer if any(in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0) for edge_mm in survey.volume.size_mm)
         ),
     )
+
+
+def _turns(head: Head | None) -> tuple[str, ...]:
+    """Return the angular functions that an instrument measures, or a head would: a quadrant detector alone measures none."""
+    if head is not None and head.format == "tqd":
+        return ()
+    if head is None or not head.angular:
+        return PITCH_AND_YAW
+    return tuple(f"E{turn[1]}{axis.upper()}" for axis in AXES for turn in head.angles.turns(axis))
 
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:

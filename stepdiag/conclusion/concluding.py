@@ -18,6 +18,7 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.conclusion.verdict import judged_in, verdict_sentences
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
+from stepdiag.exporters.proof.judge import PROOF
 from stepdiag.exporters.safety.verify import STRETCH
 
 MOST_WRONG = 5
@@ -73,18 +74,19 @@ def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
     wrong = _wrong(contributions_of(result))
+    proof = next((one for one in result.findings if one.code == PROOF), None)
     exported = next((each.reach for each in exports if each.reach is not None), None)
     reach = (exported or reach_in(result)) if result.volume.solid else None
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
         wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
-        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])),
+        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])) if proof is None else (),
         reach=reach,
         reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
         verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
-        load=tuple(loadable(exports)),
-        next_step=_next_step(result, exports, counts),
+        load=tuple(loadable(exports)) if proof is None else (),
+        next_step=_next_step(result, exports, counts) if proof is None else Sentence(key="next_proof", arguments={"what": proof.words}),
         findings=counts,
     )
 

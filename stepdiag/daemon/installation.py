@@ -15,7 +15,8 @@ from typing import Literal
 
 from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.files import write_atomically
-from stepdiag.daemon.program_places import at_its_places, places_of_program
+from stepdiag.base.messages import message
+from stepdiag.daemon.program_places import PACKAGED, at_its_places, places_of_program
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
@@ -24,8 +25,10 @@ from stepdiag.page.settings import CERTIFICATE, KEY, TOKEN, is_loopback
 SURVEYS = Path("etc/stepdiag")
 UNITS = Path("etc/systemd/system")
 UNIT = "stepdiag@.service"
+PAGE, PAGE_SOCKET, ACCOUNTS = "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag.sysusers.conf"
 SHARED = {
-    UNIT: UNITS / UNIT,
+    **{unit: UNITS / unit for unit in (UNIT, PAGE, PAGE_SOCKET)},
+    ACCOUNTS: Path("etc/sysusers.d/stepdiag.conf"),
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
@@ -50,18 +53,22 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
-    steps = [written(root / place, shared(source, root)) for source, place in SHARED.items()]
+    steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
-    return [*steps, written(root / _drop_in(name), drop_in(survey, Path("/") / SURVEYS))]
+    wanted = drop_ins(name, survey, Path("/") / SURVEYS)
+    places = [_of(unit, name) for unit in (PAGE, PAGE_SOCKET)]
+    stale = [Step(root / place, "remove") for place in places if place not in wanted and (root / place).exists()]
+    return [*steps, *stale, *(written(root / path, text) for path, text in wanted.items())]
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
     """Return what is removed: the drop-in, and what all surveys share once no other is installed. Survey, token and data stay."""
-    own = root / _drop_in(name_of(survey_file, root))
-    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path != own]
-    places = [own, *([] if others else [root / place for place in SHARED.values()])]
+    name = name_of(survey_file, root)
+    own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
+    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path not in own]
+    places = [*own, *([] if others else [root / place for place in SHARED.values()])]
     return [Step(path, "remove") for path in places if path.exists()]
 
 
@@ -71,12 +78,18 @@ def carry_out(steps: list[Step]) -> None:
         try:
             _do(step)
         except OSError as error:
-            raise UsageError(str(step.path), expected="a place that can be written (as root)", found=system_words(error)) from error
+            raise UsageError(str(step.path), expected=message("writable-as-root"), found=system_words(error)) from error
 
 
-def drop_in(survey: Survey, folder: Path) -> str:
-    """Return the drop-in of a survey: its PLC, its ports, its credentials in ``folder``, nothing else. Raises UsageError."""
-    return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in (*_network(survey), *_ports(survey), *_credentials(survey, folder)))
+def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
+    """Return the drop-ins of a survey by their places: the recorder's devices; the page's addresses, and its credentials in ``folder``.
+
+    Raises UsageError.
+    """
+    texts = {_of(UNIT, name): ("Service", _network(survey))}
+    if survey.page.enabled or survey.metrics.enabled:
+        texts |= {_of(PAGE, name): ("Service", _credentials(survey, folder)), _of(PAGE_SOCKET, name): ("Socket", _addresses(survey))}
+    return {place: WRITTEN + f"[{section}]\n" + "".join(f"{line}\n" for line in lines) for place, (section, lines) in texts.items()}
 
 
 def _do(step: Step) -> None:
@@ -110,14 +123,27 @@ def name_of(survey_file: Path, root: Path) -> str:
     plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
     if survey_file.suffix != ".toml" or survey_file.absolute().parent != expected.absolute() or not plain:
         raise UsageError(
-            str(survey_file), expected=f"a survey file in {expected}, named with letters, digits, dot, dash and underscore",
-            found=f"{survey_file.name} in {survey_file.absolute().parent}", remedy="copy it there, with the files that it names",
+            str(survey_file), expected=message("survey-file-there", folder=str(expected)),
+            found=str(survey_file.absolute()), remedy=message("copy-it-there"),
         )  # fmt: skip
     return name
 
 
-def _drop_in(name: str) -> Path:
-    return UNITS / f"stepdiag@{name}.service.d" / DROP_IN
+def _of(unit: str, name: str) -> Path:
+    """Return the place of the drop-in of an instance."""
+    return UNITS / f"{unit.replace('@', f'@{name}')}.d" / DROP_IN
+
+
+def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
+    """Yield what is done with a file that all surveys share.
+
+    A package brings its own and renews it with each upgrade: a copy in /etc, which an older version wrote, would hide that for ever.
+    """
+    packaged = root / "usr/lib" / place.relative_to("etc")
+    if packaged.is_file() and sys.prefix == PACKAGED:
+        yield from (Step(each, "remove") for each in (root / place,) if each.is_file())
+    else:
+        yield written(root / place, shared(source, root))
 
 
 def shared(source: str, root: Path) -> str:
@@ -126,15 +152,12 @@ def shared(source: str, root: Path) -> str:
         if (folder / source).is_file():
             text = (folder / source).read_text(encoding="utf-8")
             return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source.endswith(".service") else text
-    raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
+    raise UsageError(source, expected=message("systemd-files"), found=message("none"), remedy=message("wheel-again"))
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Allow the devices alone, or private networks where one has a name instead of an address; and who looks at the page."""
-    page = survey.page
+    """Allow the devices alone, or private networks where one has a name instead of an address."""
     allowed = [each for host in _devices(survey) if not is_loopback(host) for each in address_of(host) or PRIVATE_NETWORKS]
-    if (page.enabled and not is_loopback(page.host)) or (survey.metrics.enabled and not is_loopback(survey.metrics.host)):
-        allowed += PRIVATE_NETWORKS
     yield "IPAddressAllow="
     yield from (f"IPAddressAllow={each}" for each in ("localhost", *dict.fromkeys(allowed)))
 
@@ -149,9 +172,17 @@ def _devices(survey: Survey) -> Iterator[str]:
     yield from (line.host for line in map(network_line, ports) if line is not None)
 
 
-def _ports(survey: Survey) -> Iterator[str]:
-    yield "SocketBindAllow="
-    yield from (f"SocketBindAllow=tcp:{each.port}" for each in (survey.page, survey.metrics) if each.enabled)
+def _addresses(survey: Survey) -> Iterator[str]:
+    """Yield where page and metrics are reached, and from where: private networks, for what is bound beyond this computer."""
+    served = [each for each in (survey.page, survey.metrics) if each.enabled]
+    yield "ListenStream="
+    for each in served:
+        (host,) = address_of("127.0.0.1" if each.host == "localhost" else each.host) or [""]
+        if not host:
+            raise UsageError("page.host, metrics.host", expected=message("address-systemd-listens"), found=repr(each.host))
+        yield f"ListenStream={f'[{host}]' if ':' in host else host}:{each.port}"
+    if not all(is_loopback(each.host) for each in served):
+        yield from (f"IPAddressAllow={each}" for each in PRIVATE_NETWORKS)
 
 
 def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
@@ -160,7 +191,7 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
         if not file:
             continue
         if not all(letter.isalnum() or letter in "._-/" for letter in file):
-            raise UsageError(f"the file of {name}", expected="a name of letters, digits, dot, dash and underscore", found=repr(file))
+            raise UsageError(message("file-for", name=name), expected=message("name-plain"), found=repr(file))
         yield f"LoadCredential={name}:{folder / file}"
 
 

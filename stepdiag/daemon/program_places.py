@@ -12,6 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 PACKAGED = "/opt/stepdiag"
 """Where the program stands in the unit as it is packaged."""
@@ -67,8 +68,8 @@ def _homes_of(executable: Path) -> Iterator[Path]:
 def _assert_plain(place: Path) -> None:
     if not re.fullmatch(r"[\w./@+-]+", str(place), re.ASCII):
         raise UsageError(
-            "the program's place", expected="a path of letters, digits and ./@+-_ for a unit of systemd", found=repr(str(place)),
-            remedy="install the wheel into /opt/stepdiag (docs/install.md)",
+            message("programs-place"), expected=message("letters-and", signs="./@+-_"), found=repr(str(place)),
+            remedy=message("install-to-opt"),
         )  # fmt: skip
 
 
@@ -76,9 +77,9 @@ def _assert_no_home(place: Path) -> None:
     """A link to a Python that lies in a home itself would open all of that home to the service."""
     if place == Path("/root") or place.parent == Path("/home") or place.parent == Path("/run/user") or place in HOMES:
         raise UsageError(
-            "the program's place", expected="a folder of its own for the program and for each link to its Python",
-            found=f"the whole of {place}",
-            remedy="make the environment with the Python itself, or install to /opt/stepdiag (docs/install.md)",
+            message("programs-place"), expected=message("folder-of-its-own"),
+            found=str(place),
+            remedy=message("install-with-python"),
         )  # fmt: skip
 
 
@@ -90,8 +91,8 @@ def _assert_read_by_all(place: Path) -> None:
     )
     if closed is not None:
         raise UsageError(
-            str(closed), expected="what the service's own account may read and run: the program and its Python", found="closed to others",
-            remedy=f"chmod -R o+rX {place}, or install with the system's Python into /opt/stepdiag (docs/install.md)",
+            str(closed), expected=message("readable-by-service"), found=message("closed-to-others"),
+            remedy=message("open-to-others", place=str(place)),
         )  # fmt: skip
 
 

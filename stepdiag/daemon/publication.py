@@ -7,8 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daemon.installation import DROP_IN, PRIVATE_NETWORKS, SURVEYS, UNITS, WRITTEN, Step, address_of, name_of, shared, written
-from stepdiag.daq.links.ports.address import host_and_port
+from stepdiag.base.messages import message
+from stepdiag.daemon.installation import (
+    DROP_IN,
+    PRIVATE_NETWORKS,
+    SURVEYS,
+    UNITS,
+    WRITTEN,
+    Step,
+    address_of,
+    name_of,
+    shared_steps,
+    written,
+)
+from stepdiag.daq.links.ports.address import require_host_and_port
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.settings import is_loopback
 
@@ -44,7 +56,7 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)
-    return [written(root / UNITS / UNIT, shared(UNIT, root)), written(root / _drop_in(name), text)]
+    return [*shared_steps(UNIT, UNITS / UNIT, root), written(root / _drop_in(name), text)]
 
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:
@@ -71,7 +83,11 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
     user, password = publication.who
     if there[user] != there[password]:
         has, lacks = (user, password) if there[user] else (password, user)
-        raise UsageError("the credentials", expected=f"{name}.{lacks} beside {name}.{has}, or neither", found=f"{name}.{has} alone")
+        raise UsageError(
+            str(folder),
+            expected=message("option-pair", one=f"{name}.{has}", other=f"{name}.{lacks}"),
+            found=message("alone-there", name=f"{name}.{has}"),
+        )
     return there
 
 
@@ -82,19 +98,16 @@ def _words(publication: Publication) -> str:
     given: dict[str, str | Path] = {"broker": publication.broker, "opcua": publication.opcua, **places}
     for option, value in given.items():
         if str(value) and not _PLAIN.fullmatch(str(value)):
-            raise UsageError(f"--{option}", expected="letters, digits and ._:/@[]-", found=repr(str(value)))
+            raise UsageError(f"--{option}", expected=message("letters-and", signs="._:/@[]-"), found=repr(str(value)))
         if isinstance(value, Path) and Path("/etc") not in value.parents:
-            raise UsageError(f"--{option}", expected="a file below /etc, which the service sees", found=str(value))
+            raise UsageError(f"--{option}", expected=message("file-below-etc"), found=str(value))
     words = [f"--{option} {value}" for option, value in given.items() if value]
     return '"' + " ".join([*words, *["--plain"] * publication.plain]) + '"'
 
 
 def _address(publication: Publication) -> tuple[str, int]:
     option, text = ("--broker", publication.broker) if publication.broker else ("--opcua", publication.opcua)
-    found = host_and_port(text, publication.port)
-    if found is None:
-        raise UsageError(option, expected="HOST, HOST:PORT or [ADDRESS]:PORT", found=repr(text))
-    return found
+    return require_host_and_port(option, text, publication.port)
 
 
 def _reached(host: str, publication: Publication) -> Iterator[str]:

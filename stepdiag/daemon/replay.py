@@ -1,10 +1,11 @@
 """A replay beside what the live run wrote: the same bytes, the same but for a tenth of a nanometre (another processor), or which differ."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import same_result
 from stepdiag.completion.completion import complete
 from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RESULT
@@ -42,16 +43,15 @@ class Compared:
             "missing": list(self.missing),
         }
 
-    def in_words(self) -> str:
-        """Return the comparison for a person."""
-        lines = [f"replayed into {self.out}"]
+    def in_words(self) -> Iterator[Message]:
+        """Yield the comparison for a person."""
+        yield message("replayed-into", folder=str(self.out))
         if self.identical:
-            lines.append(f"identical to the live run, byte for byte: {', '.join(self.identical)}")
+            yield message("replay-identical", names=self.identical)
         if self.rounded:
-            lines.append(f"the same but for less than a tenth of a nanometre, as another processor computes it: {', '.join(self.rounded)}")
+            yield message("replay-rounded", names=self.rounded)
         if self.missing:
-            lines.append(f"not there from a live run, nothing to compare with: {', '.join(self.missing)}")
-        return "\n".join(lines)
+            yield message("replay-missing", names=self.missing)
 
 
 def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Path | None = None) -> Compared:

@@ -5,6 +5,7 @@ usual; and the collector of garbage, which holds everything up for 20 ms when it
 """
 
 import gc
+import os
 import sys
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -12,12 +13,19 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+
 if TYPE_CHECKING:
     import asyncio
+    from contextlib import AbstractAsyncContextManager
 
     from stepdiag.daq.service.daemon import Daemon
     from stepdiag.daq.survey.models import Survey
 
+SOCKET = "STEPDIAG_PAGE_SOCKET"
+"""Set in the unit: the socket of the file system over which the page's unit comes."""
+PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
 """How long a thread that computes may go on while another one waits."""
@@ -33,10 +41,11 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
     configure(verbose=verbose)
     again = (sys.executable, "-P", "-m", "stepdiag")  # not what lies in the working directory
-    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack")))
+    ahead = (*again, "next", str(survey_file), "--note")
+    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead))
 
 
-async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = ()) -> None:
+async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = (), ahead: Sequence[str] = ()) -> None:
     """Run the daemon of a survey file until it is stopped, with page and metrics in a process beside it, as that file says.
 
     Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
@@ -46,12 +55,14 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
     from stepdiag.daq.service.daemon import Daemon
 
     asyncio.get_running_loop().set_exception_handler(_seldom())
-    daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
+    daemon = Daemon(survey_file, completion, archiving, ahead, _programs)
     daemon.take_folder()  # who is refused for it must not be sent after another port
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
-        if page.enabled or metrics.enabled:
+        if SOCKET in os.environ:
+            await beside.enter_async_context(_page_elsewhere(daemon, Path(os.environ[SOCKET])))
+        elif page.enabled or metrics.enabled:
             await beside.enter_async_context(_page_beside(daemon, survey_file))
         gc.freeze()
         gc.enable()
@@ -87,6 +98,20 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
     return say
 
 
+def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
+    """Serve the page's unit, which has an account and addresses of its own. Raises UsageError where the system lacks that account."""
+    import pwd
+
+    from stepdiag.page.keeper import page_served
+
+    try:
+        account = pwd.getpwnam(PAGE_ACCOUNT).pw_uid
+    except KeyError:
+        remedy = message("sysusers-makes-account")
+        raise UsageError(PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy) from None
+    return page_served(path, account, daemon.status_source, daemon.status_source.figures)
+
+
 @asynccontextmanager
 async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[None]:
     """Have page and metrics served by a process of their own while the block runs."""
@@ -110,17 +135,15 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
         yield
 
 
-def _programs(survey_file: Path) -> dict[str, str]:
+def _programs(survey: "Survey") -> dict[str, str]:
     """Return the name of the NC program of each setup, for the first control of the survey that programs are written for."""
-    from stepdiag.daq.survey.file import load_survey
-
-    survey = load_survey(survey_file)
-    if not survey.exports:
+    named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
+    if not named:
         return {}
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.exporters.programs import CONTROLS, program_name
 
-    control = next((each.controller for each in survey.exports if each.controller in CONTROLS), "")
+    control = next((name for name in named if name in CONTROLS), "")
     if not control:
         return {}
     sequence = sequence_of(survey)

@@ -5,20 +5,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import Words
+from stepdiag.base.messages import Words, joined, message
+from stepdiag.daq.capture.cause import line_named
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
+from stepdiag.daq.recording.corrections import corrections_in, drives_otherwise, text_of
+from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
-from stepdiag.daq.records.status import DriveStatus, FindingStatus, SetupStatus
+from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.daq.service.ahead import ahead_in
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.remaining import to_drive
 from stepdiag.daq.service.snapshot import setup_statuses
+from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.terminal.progress import counted
@@ -30,7 +34,7 @@ class LogStanding:
 
     name: str
     stops: int
-    trouble: str = ""
+    trouble: Words = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +60,12 @@ class Standing:
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
+    ahead: AheadStatus
+    """What to drive next, by what is solved so far."""
+    wrong_line: str
+    """The line of the survey file that a finding names as wrong; empty where none is."""
+    corrections: tuple[str, ...]
+    """When, by whom and what the survey file was corrected since the logs were recorded."""
     disk: Words
     """The finding of the disk; empty while there is room."""
 
@@ -78,25 +88,30 @@ def standing_of(path: Path) -> Standing:
     rounds = round_folders(path)
     last = rounds[-1] if rounds else path
     if not logs_in(last):
-        remedy = "name a survey file, or the folder that `stepdiag run` made for it"
-        raise UsageError(str(path), expected="a folder with logs (*.mcap)", found="none", remedy=remedy)
+        remedy = message("name-survey")
+        raise UsageError(str(path), expected=message("folder-with", what=message("logs-mcap")), found=message("none"), remedy=remedy)
     return _standing(path if rounds else path.parent, last, None, "")
 
 
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
     """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
     paths = logs_in(last) if last is not None else []
-    recorded, noted, logs = _read(paths)
-    changed = bool(text and recorded and recorded != text)
-    known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
+    recorded, readable, logs = _read(paths)
+    recorded = text_of(readable[0].parent, readable) if readable else recorded
+    changed = bool(text and recorded and not extends(text, recorded))
+    known = survey if not recorded or (text and not changed) else parse_survey(recorded, f"{paths[0].name}: survey.toml")
     if known is None:
         raise DataError(
-            str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
+            str(last),
+            expected=message("one-readable-log"),
+            found=joined([message("labelled", name=log.name, what=log.trouble) for log in logs]),
         )
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()
     book.foretell(verdicts.suspicions)
-    book.add_all(stop for each in noted for stop in each.stops)
+    noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
+    book.add_all(noted.stops)
+    book.wrong_line = next(map(line_named, filter(line_named, noted.findings)), "")
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
@@ -111,32 +126,35 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         next_setup=book.next_setup(),
         doubts=book.doubts(),
         unsolved=unsolved,
-        findings=finding_list(book, [found for each in noted for found in each.findings]),
+        findings=finding_list(book, noted.findings),
         setups=setup_statuses(known, book, drives),
         to_drive=drives,
         logs=tuple(logs),
+        ahead=AheadStatus() if last is None else ahead_in(last),
+        wrong_line=book.wrong_line,
+        corrections=tuple(map(str, corrections_in(last))) if last is not None else (),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )
 
 
-def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
-    """Return the survey file of the first readable log, what the logs have noted in order, and how each log stands."""
-    text, noted, logs = "", list[Noted](), list[LogStanding]()
-    for path in counted(paths, "reading the logs", len(paths)):
+def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
+    """Return the survey file of the first readable log, the logs that can be read in order, and how each log stands."""
+    text, readable, logs = "", list[Path](), list[LogStanding]()
+    for path in counted(paths, message("reading-logs"), len(paths)):
         try:
-            header = open_log(path).header
-            if text and header.survey_text != text:
+            own = open_log(path).header.survey_text
+            if text and not extends(text, own) and drives_otherwise(text, own):
                 raise DataError(
-                    str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here"
+                    str(path), expected=message("log-of-this-survey"), found=message("another-one"), remedy=message("does-not-count")
                 )
             found = noted_in(path)
         except DataError as error:
-            trouble = f"{error.found}: {error.remedy}" if error.remedy else str(error.found)
+            trouble = message("with-remedy", found=error.found, remedy=error.remedy) if error.remedy else error.found
             logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
-        text = text or header.survey_text
-        noted.append(found)
-        cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
+        text = own if not text or extends(own, text) else text
+        readable.append(path)
+        cut = message("log-not-closed") if path.suffix == PART_SUFFIX else ""
         logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
-    return text, noted, logs
+    return text, readable, logs

@@ -9,6 +9,8 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import read_hashed
+from stepdiag.base.messages import message
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import Result, parse_result
@@ -95,7 +97,7 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     progress("verifying where nobody measured", 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
-    result = parse_result((round_folder / "result.json").read_text(encoding="utf-8"), "result.json")
+    result = parse_result(read_hashed(round_folder / "result.json"), "result.json")
     reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
     promises = promises_of(result, before.rms_um, reach[WHOLE_FIELD].rms_um)
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)
@@ -112,7 +114,8 @@ def empty_folder(folder: Path) -> None:
     """Make a folder. Raises UsageError where there is one with files in it."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
-        raise UsageError(str(folder), expected="an empty folder", found="one with files in it", remedy="name another one with --out")
+        remedy = message("name-with-out")
+        raise UsageError(str(folder), expected=message("folder-without-files"), found=message("folder-with-files"), remedy=remedy)
 
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
@@ -151,7 +154,7 @@ def _files(round_folder: Path, control: str) -> list[Path]:
     folder = round_folder / "exports" / control
     refused = folder / "REFUSED.txt"
     if refused.exists():
-        raise DataError(str(folder), expected="compensation files", found=refused.read_text(encoding="utf-8").strip())
+        raise DataError(str(folder), expected=message("compensation-files"), found=refused.read_text(encoding="utf-8").strip())
     listed = [line.split("  ", 1)[1].strip() for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()]
     return [folder / name for name in listed if "_RESTORE" not in name and not name.endswith((".txt", ".MPF"))]
 
@@ -165,7 +168,7 @@ def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -
             seen.add((event["setup"], event["outward"], event["stop"]))
             progress(f"{event['setup']} {'out' if event['outward'] else 'back'}", len(seen), total)
         elif event["event"] == "survey-open" and "exit_code" in event:
-            raise DataError(event["folder"], expected="a survey that can be solved", found=event["reason"])
+            raise DataError(event["folder"], expected=message("solvable-survey"), found=event["reason"])
         elif event["event"] == "survey-complete":
             return Path(event["folder"])
         elif event["event"] == "pass-ended" and len(seen) >= total:

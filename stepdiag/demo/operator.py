@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daemon.survey_state import standing_of
 from stepdiag.demo.files import SETUPS
 from stepdiag.demo.processes import Talker, talking
@@ -77,7 +78,7 @@ class Operator:
     def _drive_again(self, setup: str, why: str) -> None:
         self._again += 1
         if self._again > MOST_AGAIN:
-            raise DataError(str(self._survey), expected="a survey that can be solved", found=why or f"{setup} is not complete")
+            raise DataError(str(self._survey), expected=message("solvable-survey"), found=why or setup)
         self._say(f"start {setup}")
 
     def _say(self, order: str) -> None:
@@ -106,7 +107,7 @@ def daemon(survey: Path) -> Iterator[Talker]:
             elif event.get("event") == "page":
                 recording.ready = event
             elif event.get("event") == "text":
-                raise DeviceError("stepdiag run", expected="a daemon that records", found=event["text"])
+                raise DeviceError("stepdiag run", expected=message("daemon-records"), found=event["text"])
         time.sleep(HAND_S)
         yield recording
 
@@ -127,9 +128,7 @@ def words(
             operator.heard()
             waits_for = event["what"] if event["event"] == "waiting" else waits_for
             yield event
-        elif (silent_s := time.monotonic() - heard) > (max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s):
-            raise DeviceError(
-                "stepdiag run", expected="a complete survey", found=f"silence for {silent_s:.0f} s; it waits for: {waits_for}"
-            )
+        elif time.monotonic() - heard > (max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s):
+            raise DeviceError("stepdiag run", expected=message("complete-survey"), found=message("status-waits", what=waits_for))
         else:
             time.sleep(LOOK_S)

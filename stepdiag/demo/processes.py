@@ -12,6 +12,7 @@ from queue import Empty, Queue
 from threading import Thread
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 
 END_S = 120.0
 """How long a process may take to end in good order."""
@@ -34,9 +35,9 @@ class Talker:
         try:
             line = self.lines.get(timeout=timeout_s)
         except Empty as silence:
-            raise DeviceError(what, expected=f"a word within {timeout_s:g} s", found="silence") from silence
+            raise DeviceError(what, expected=message("answer-within", seconds_s=timeout_s), found=message("silence")) from silence
         if line is None:
-            raise DeviceError(what, expected="a process that runs", found=f"one that ended with {self.process.wait()}")
+            raise DeviceError(what, expected=message("running-process"), found=message("exit-code", code=self.process.wait()))
         self.last.append(line.strip())
         try:
             event: dict[str, str] = json.loads(line)

@@ -1,7 +1,6 @@
 """Finished surveys into the store: found, packed, copied, read back, and only then listed."""
 
 import hashlib
-import json
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,16 +12,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_text
+from stepdiag.base.files import read_hashed
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import parse_result
 from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
+from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, sha256
 from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table, table_of, to_parquet
 
-FORMAT, VERSION = "stepdiag-archived", 1
 MOST_LOOSE = 50
 """Tables that may stand beside the index before it is made anew: each costs a query about a millisecond."""
 _ID_DIGITS = 16
@@ -42,17 +41,19 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
     """Return every folder at or below the given ones that holds a result beside its logs. Raises UsageError where there is none."""
     for folder in folders:
         if not folder.is_dir():
-            raise UsageError(str(folder), expected="a folder with finished surveys", found="no folder")
+            raise UsageError(
+                str(folder), expected=message("folder-with", what=message("finished-surveys")), found=message("no-such-folder")
+            )
     candidates = {path.parent for folder in folders for path in (folder / RESULT, *folder.rglob(RESULT)) if path.is_file()}
     found = sorted(each for each in candidates if any(log.suffix == ".mcap" for log in logs_in(each)))
     if not found:
-        raise UsageError(", ".join(map(str, folders)), expected="finished surveys: result.json beside the logs", found="none")
+        raise UsageError(", ".join(map(str, folders)), expected=message("finished-surveys"), found=message("none"))
     return found
 
 
 def undated(folder: Path) -> str:
     """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
-    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
     return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
@@ -62,7 +63,7 @@ def add(folder: Path, store: Store) -> Added:
     Raises DataError where a log or the result cannot be read, or where the same logs are there with other results; UsageError where the
     store cannot be written. Whatever ends it half-way leaves a survey that is not listed, which the next call completes.
     """
-    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
     logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
     name = _name_of(logs)
     facts = about(result, name)
@@ -81,15 +82,14 @@ def add(folder: Path, store: Store) -> Added:
             hashes[path] = sha256(there)
             size += len(there)
     table = to_parquet(table_of(facts, list(rows_of(result))), hashes[RESULT])
-    store.write_checked(f"{place.folder}/{LISTED}", manifest_of(place, hashes, table=sha256(table)))
-    store.write_checked(place.table, table)
+    put_table(store, place, hashes, table)
     return Added(source=folder, place=place, outcome="archived", size_bytes=size + len(table))
 
 
-def manifest_of(place: Place, files: Mapping[str, str], **table: str) -> bytes:
-    """Return the list of an archived survey's files with their SHA-256; ``table`` is that of its numbers, which older stores lack."""
-    manifest = {"format": FORMAT, "version": VERSION, "machine": place.machine, "survey": place.survey, "files": dict(files), **table}
-    return json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n"
+def put_table(store: Store, place: Place, files: Mapping[str, str], table: bytes) -> None:
+    """Write the list of a survey's files, and behind it the table by which the survey is there."""
+    store.write_checked(place.listed, manifest_of(place, files, sha256(table)))
+    store.write_checked(place.table, table)
 
 
 def _content_of(log: bytes) -> str:
@@ -114,7 +114,7 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     points = index_of([(read_table(store, place), place.folder) for place in loose])
     kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
     table = pa.concat_tables([*kept, points]).unify_dictionaries()
-    store.write(INDEX, to_parquet(table))
+    store.write(INDEX, sealed(to_parquet(table)))
     return int(table.num_rows)
 
 
@@ -134,7 +134,12 @@ def _name_of(logs: Sequence[Path]) -> str:
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
         if not each:
-            raise DataError(str(log), expected="a whole log", found="a damaged one", remedy=f"mend it: `stepdiag recover {log}`")
+            raise DataError(
+                str(log),
+                expected=message("a-whole-log"),
+                found=message("damaged-one"),
+                remedy=message("command-mends", command=f"stepdiag recover {log}"),
+            )
     return name_of_logs(sums)
 
 
@@ -176,8 +181,8 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
     """Raise DataError where the survey is there with another result; logs are the same by its name."""
-    if store.files_of(place)[RESULT] != hashes.get(RESULT):
+    if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
-            f"{store.address}: {place.folder}/{RESULT}", expected="the result that was archived with these logs", found="another one",
-            remedy="an archived result stays; `stepdiag resolve` solves anew, beside it",
+            f"{store.address}: {place.folder}/{RESULT}", expected=message("archived-result"), found=message("another-one"),
+            remedy=message("archived-stays"),
         )  # fmt: skip

@@ -118,9 +118,9 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
     places = store.tables()
     wanted = [place for place in places if place.software == software and machine in ("", place.machine)]
     if not wanted:
-        what = f"surveys of {machine or 'any machine'}" + (f" solved anew by {software}" if software else "")
+        what = message("surveys-of", machine=machine or "*", software=software or "*")
         known = sorted({place.machine for place in places})
-        raise DataError(store.address, expected=what, found=f"none; known are {', '.join(known) or 'no machines'}")
+        raise DataError(store.address, expected=what, found=message("none-known", names=known or [message("no-machines")]))
     table, damaged = _read(store, wanted, len(places))
     found = history_of(table, now)
     return replace(found, left_out=(*damaged, *found.left_out))

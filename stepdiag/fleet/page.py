@@ -1,4 +1,7 @@
-"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named."""
+"""The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named.
+
+A browser shows the token once, in the address that the command prints, and has a cookie from then on; a program sends it with each request.
+"""
 
 from collections.abc import Callable, Hashable, Sequence
 from functools import cache
@@ -8,7 +11,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
@@ -16,6 +19,7 @@ from stepdiag.fleet.history import LeftOut
 from stepdiag.fleet.report import fleet_html
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
+from stepdiag.page.security import Access
 from stepdiag.texts.texts import LANGUAGES, Language
 
 Found = tuple[Sequence[Trend], Sequence[LeftOut]]
@@ -56,8 +60,9 @@ class Sheets:
             return self._sheet(language)
 
 
-def create_app(sheets: Sheets, language: Language, names: tuple[str, ...] = LOOPBACK) -> Starlette:
-    """Return the page; ``names`` are those it answers to (DNS rebinding)."""
+def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK) -> Starlette:
+    """Return the page for whoever has the token; ``names`` are those it answers to (DNS rebinding)."""
+    access = Access(token, lambda _address, _count: None)
 
     def answering(make: Callable[[Request], Response]) -> Callable[[Request], object]:
         async def answer(request: Request) -> Response:
@@ -65,6 +70,10 @@ def create_app(sheets: Sheets, language: Language, names: tuple[str, ...] = LOOP
             name = host if host.endswith("]") else host.rpartition(":")[0] or host
             if name.lower() not in names:
                 return _plain("this page does not answer to that name", 421)
+            if "token" in request.query_params:
+                return await _let_in(request, access)
+            if not await access.reads(request):
+                return _plain("open the address that `stepdiag fleet` printed: it carries the token", 401)
             try:
                 made = await run_in_threadpool(make, request)
             except StepdiagError as error:
@@ -90,6 +99,15 @@ def create_app(sheets: Sheets, language: Language, names: tuple[str, ...] = LOOP
 def serve(app: Starlette, host: str, port: int) -> None:
     """Serve until Ctrl-C."""
     uvicorn.run(app, host=host, port=port, log_level="warning", server_header=False)
+
+
+async def _let_in(request: Request, access: Access) -> Response:
+    """Return what leads a browser with the right token to the same page with a cookie; the token does not stay in its address."""
+    if not await access.is_token(request, request.query_params["token"]):
+        return _plain("wrong token", 401)
+    answer = RedirectResponse(str(request.url.remove_query_params("token")), status_code=303, headers=HEADERS)
+    access.remember(request, answer)
+    return answer
 
 
 def _plain(words: str, status: int) -> Response:

@@ -1,23 +1,32 @@
-"""Today's solver over every archived survey: one task a survey on Dask, what comes of it beside the old result.
+"""Today's solver over every archived survey: one task a survey, its result beside the old one.
 
-A worker that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since what stands in the
+The tasks run in processes of this computer, which have pipes and no ports, or on the workers of a Dask scheduler, by TLS with certificates
+on both sides: a scheduler runs any code that a client sends, so without a certificate every account of the computer is its owner. A worker
+that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since a survey that stands in the
 store is not computed again. Without a change of software the bytes are the same: that is the self-test.
 """
 
 import json
+import multiprocessing
 import os
+import resource
+import signal
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import as_completed as completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal
 
-from distributed import Client, KilledWorker, LocalCluster, as_completed
+from distributed import Client, KilledWorker, as_completed
+from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
-from stepdiag.base.files import as_text
+from stepdiag.base.messages import message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
@@ -26,9 +35,11 @@ from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.fleet.archive import put_table
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store, sha256
+from stepdiag.fleet.store import Place, Store, sha256
 from stepdiag.fleet.tables import table_of, to_parquet
+from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -36,7 +47,8 @@ RETRIES = 3
 """How often a survey is begun anew when its worker is lost or the store is away for a moment."""
 ROUNDING = 0.002
 """The same readings give the same figure; more than this (um, urad, um/m) is more than its last written digit."""
-WORKER_MEMORY = "2GB"
+WORKER_MEMORY = 2 * 10**9
+"""Bytes of data that a worker of this computer may hold."""
 PATIENCE_S = 20
 
 
@@ -63,14 +75,38 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
     return [each for each in archived if (each.machine, each.survey) not in done]
 
 
-def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "", survey: str = "") -> Iterator[Solved]:
-    """Solve surveys anew on ``workers`` processes of this computer, or on those of a ``scheduler``; yield each as it is done.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scheduler:
+    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) by which both sides prove who they are."""
+
+    address: str
+    ca: Path
+    certificate: Path
+    key: Path
+
+    def connected(self) -> Client:
+        """Return a client of the scheduler. Raises DeviceError where it cannot be reached, or proves to be another one."""
+        try:
+            security = Security(
+                require_encryption=True, tls_ca_file=str(self.ca), tls_client_cert=str(self.certificate), tls_client_key=str(self.key)
+            )
+            return Client(self.address, timeout=PATIENCE_S, security=security)
+        except (OSError, ValueError) as error:
+            found = str(error) or type(error).__name__
+            raise DeviceError(self.address, expected=message("dask-scheduler"), found=found) from error
+
+
+def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
+    """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers; yield each as it is done.
 
     ``survey`` is the text of a survey file that stands for those in the logs that are not read any more.
 
     Raises DeviceError where the scheduler cannot be reached.
     """
-    with _client(workers, scheduler) as client:
+    if isinstance(by, int):
+        yield from _solved_here(store, places, by, survey)
+        return
+    with by.connected() as client:
         waiting = iter(places)
 
         asked: dict[Any, Place] = {}
@@ -90,16 +126,73 @@ def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, schedule
                 running.add(more)
 
 
+def _solved_here(store: Store, places: Sequence[Place], workers: int, survey: str) -> Iterator[Solved]:
+    """Solve surveys in so many lanes of this computer: a thread each, which waits for a process of its own."""
+    lanes: SimpleQueue[_Lane] = SimpleQueue()
+    for _ in range(workers):
+        lanes.put(_Lane())
+    with ThreadPoolExecutor(workers) as threads:
+        try:
+            tasks = [threads.submit(_in_a_lane, lanes, store.address, place, survey) for place in places]
+            yield from (each.result() for each in completed(tasks))
+        finally:
+            threads.shutdown(cancel_futures=True)
+            for _ in range(workers):
+                lanes.get().close()
+
+
+def _in_a_lane(lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: str) -> Solved:
+    lane = lanes.get()
+    try:
+        return lane.solve(address, place, survey)
+    finally:
+        lanes.put(lane)
+
+
+class _Lane:
+    """One process after the other: a process that is lost is replaced, and its survey begun anew."""
+
+    def __init__(self) -> None:
+        self._process: ProcessPoolExecutor | None = None
+
+    def solve(self, address: str, place: Place, survey: str) -> Solved:
+        """Solve a survey; one that costs every process its life has failed."""
+        for _ in range(1 + RETRIES):
+            if self._process is None:
+                self._process = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_worker)
+            try:
+                return self._process.submit(solve_anew, address, place, survey).result()
+            except (BrokenProcessPool, MemoryError):
+                self.close()
+        return _lost(place)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.shutdown()
+            self._process = None
+
+
+def _begin_worker() -> None:
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the command, after the surveys that are being solved
+    resource.setrlimit(resource.RLIMIT_DATA, (WORKER_MEMORY, WORKER_MEMORY))
+
+
+def _lost(place: Place) -> Solved:
+    return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY / 1e9:g} GB)")
+
+
 def _outcome(future: Any, place: Place) -> Solved:
     """Return what a task came to; one that costs every worker its life is a survey that failed, and no reason to end."""
     try:
         solved: Solved = future.result()
     except KilledWorker:
-        return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY})")
+        return _lost(place)
     return solved
 
 
-def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") -> Solved:
+def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str = "") -> Solved:
     """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is reported, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
@@ -110,7 +203,7 @@ def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") ->
             instead = _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
-            old = as_text(store.read(f"{place.folder}/{RESULT}"), f"{place.folder}/{RESULT}")
+            old = (folder / RESULT).read_text(encoding="utf-8")
             by = "by the survey file given" if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
@@ -129,7 +222,7 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
     except UsageError:
         named = parse_survey(survey, "--survey").identity.machine
         if named != machine:
-            raise DataError("--survey", expected=f"a survey file of {machine}", found=named) from None
+            raise DataError("--survey", expected=message("survey-file-of", machine=machine), found=named) from None
         file = scratch / "survey.toml"
         file.write_text(survey, encoding="utf-8")
         return file
@@ -141,7 +234,8 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
-    store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), sha256(new.encode("utf-8"))))
+    digest = sha256(new.encode("utf-8"))
+    put_table(store, here, {RESULT: digest}, to_parquet(table_of(about(after, place.survey), list(rows_of(after))), digest))
     found = compare(parse_result(old, RESULT), after).changes
     return tuple(
         f"{each.name} by {each.difference:+.3f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
@@ -151,35 +245,15 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
-    """Copy logs and words of a survey out of the store."""
-    archived = store.files_of(place)
+    """Copy logs, words and result of a survey out of the store, each compared with its hash."""
+    archived = store.listed(place).files
     folder.mkdir()
-    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in WORDS)):
-        data = store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES)
-        if sha256(data) != archived[name]:
-            remedy = "archive the survey again from its own folder"
-            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=sha256(data), remedy=remedy)
-        (folder / name).write_bytes(data)
+    for name in (name for name in archived if "/" not in name and (name.endswith(".mcap") or name in (RESULT, *WORDS))):
+        found = store.copied(f"{place.folder}/{name}", folder / name)
+        if found != archived[name]:
+            remedy = message("archive-again")
+            raise DataError(f"{place.folder}/{name}", expected=f"SHA-256 {archived[name]}", found=found, remedy=remedy)
     return folder
-
-
-@contextmanager
-def _client(workers: int, scheduler: str) -> Iterator[Client]:
-    if scheduler:
-        try:
-            client = Client(scheduler, timeout=PATIENCE_S)
-        except (OSError, ValueError) as error:
-            raise DeviceError(scheduler, expected="a Dask scheduler", found=str(error) or type(error).__name__) from error
-        with client:
-            yield client
-        return
-    with (
-        LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=WORKER_MEMORY, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
 
 
 def as_json(solved: Sequence[Solved]) -> str:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Conditions, Facts
 from stepdiag.base.result.result import Function, Result
@@ -57,7 +58,12 @@ def about(result: Result, survey: str) -> About:
     """Return what a result says of itself; ``survey`` is its name in the archive. Raises DataError where machine or time is missing."""
     facts = result.survey or Facts()
     if not facts.machine.strip():
-        raise DataError(result.source, expected="a result that names its machine", found="none", remedy="solve the survey from its logs")
+        raise DataError(
+            result.source,
+            expected=message("result-with", what=message("machine-name")),
+            found=message("none"),
+            remedy=message("solve-from-logs"),
+        )
     return About(
         machine=facts.machine, survey=survey, time=_time(facts, result.source), event=facts.event, method=result.method,
         software=result.software.version, conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
@@ -110,7 +116,9 @@ def _time(facts: Facts, source: str) -> datetime:
             return datetime.strptime(text, form).replace(tzinfo=UTC)
         except ValueError:
             continue
-    raise DataError(source, expected="a result that says when it was measured", found="no date", remedy="solve the survey from its logs")
+    raise DataError(
+        source, expected=message("result-with", what=message("date-of-measuring")), found=message("none"), remedy=message("solve-from-logs")
+    )
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:

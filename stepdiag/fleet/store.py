@@ -4,7 +4,10 @@
     machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in archived.json
     machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is not there
     machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
-    series.parquet                                 every quantity of every survey, in one file, for speed; made again at any time
+    series.index                                   every quantity of every survey, in one file, for speed; made again at any time
+
+Every byte that a figure is read from is under a hash that is compared: `archived.json` states that of the survey's files and of its table,
+and is itself as it is written and not otherwise; the index begins with the hash of the rest.
 
 Two writers at once do not meet: they write under names of their own, and rename. Names of machines are percent-encoded.
 """
@@ -13,7 +16,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,21 +29,32 @@ from stepdiag.base.disk.part import part_of, write_through
 from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_BYTES
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 from stepdiag.daq.records.survey_folder import RESULT
 
 FORMAT, VERSION = "stepdiag-store", 1
-MARK, INDEX, LISTED = "stepdiag-store.json", "series.parquet", "archived.json"
+MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
+LISTED_FORMAT, LISTED_VERSION = "stepdiag-archived", 1
 TABLE_SUFFIX = ".parquet"
-LARGEST_JSON_BYTES = 16_000_000
-LARGEST_LOG_BYTES = 1_000_000_000
-"""A worker that solves anew holds a log of this size in its memory."""
+LARGEST_JSON_BYTES = 4_000_000
+"""As a list of files: 20,000 names with their hashes. What is parsed takes up to thirty times as much memory."""
+LARGEST_FILE_BYTES = 4_000_000_000
+"""Of a survey's file: it is copied and hashed piece by piece."""
+_PIECE_BYTES = 1_000_000
+INDEX_REMEDY = message("remove-table")
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(data: bytes) -> str:
     """Return the SHA-256 of a file in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
+
+
+class Listed(NamedTuple):
+    """The SHA-256 of a survey's files by name, and of its table; empty where an older version of the program wrote no hash."""
+
+    files: dict[str, str]
+    table: str
 
 
 class Place(NamedTuple):
@@ -61,6 +75,31 @@ class Place(NamedTuple):
     def table(self) -> str:
         """Return the file of its numbers."""
         return self.folder + TABLE_SUFFIX
+
+    @property
+    def listed(self) -> str:
+        """Return the list of its files with their hashes."""
+        return f"{self.folder}/{LISTED}"
+
+
+def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
+    """Return the list of a survey's files with their SHA-256; ``table`` is that of its numbers, empty in what older versions wrote."""
+    stated = {"table": table} if table else {}
+    manifest = {"format": LISTED_FORMAT, "version": LISTED_VERSION, "machine": place.machine, "survey": place.survey, "files": dict(files)}
+    return json.dumps(manifest | stated, indent=1, sort_keys=True).encode() + b"\n"
+
+
+def sealed(data: bytes) -> bytes:
+    """Return bytes behind their own hash: one file, so that no reader meets the hash of another writer."""
+    return sha256(data).encode() + b"\n" + data
+
+
+def unsealed(data: bytes, name: str) -> bytes:
+    """Return the bytes behind their hash. Raises DataError where they are others."""
+    stated, _, rest = data.partition(b"\n")
+    if stated != sha256(rest).encode():
+        raise DataError(name, expected=f"SHA-256 {excerpt(stated.decode('ascii', 'replace'))}", found=sha256(rest), remedy=INDEX_REMEDY)
+    return rest
 
 
 class Store:
@@ -91,8 +130,28 @@ class Store:
         with refusing(name):
             size = self._files.size(self.path(name))
             if size is not None and size > largest:
-                raise DataError(f"{self.address}: {name}", expected=f"at most {largest} bytes", found=str(size), remedy="see who wrote it")
+                raise DataError(
+                    f"{self.address}: {name}",
+                    expected=message("file-of-at-most", name=name, most=largest),
+                    found=str(size),
+                    remedy=message("never-overwritten"),
+                )
             return bytes(self._files.cat_file(self.path(name)))
+
+    def copied(self, name: str, target: Path | None = None) -> str:
+        """Return the SHA-256 of a file, read piece by piece; a copy goes to ``target``. Raises DataError for one that is too large."""
+        found, size = hashlib.sha256(), 0
+        with refusing(name), self._files.open(self.path(name), "rb") as file, open(target or os.devnull, "wb") as copy:  # noqa: PTH123
+            while piece := file.read(_PIECE_BYTES):
+                found.update(piece)
+                size += copy.write(piece)
+                if size > LARGEST_FILE_BYTES:
+                    raise DataError(
+                        f"{self.address}: {name}",
+                        expected=message("file-of-at-most", name=name, most=LARGEST_FILE_BYTES),
+                        found=message("found-more"),
+                    )
+        return found.hexdigest()
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
         """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
@@ -118,8 +177,8 @@ class Store:
         there = self.read(name, largest=max(LARGEST_BYTES, 2 * len(data)))
         found = meaning(there)
         if found != wanted:
-            remedy = "nothing in a store is ever overwritten; see who wrote it"
-            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or "a damaged file", remedy=remedy)
+            remedy = message("never-overwritten")
+            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or message("damaged-file"), remedy=remedy)
         return there
 
     def state(self) -> tuple[object, ...]:
@@ -145,23 +204,22 @@ class Store:
         except (ValueError, RecursionError) as error:
             raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
 
-    def files_of(self, place: Place) -> dict[str, str]:
-        """Return the SHA-256 by name of an archived survey's files: its result, its logs and others.
+    def listed(self, place: Place) -> Listed:
+        """Return the hashes of a survey's files and table. Of a survey that an older version solved anew there are none.
 
-        Raises DataError where the list is not as `stepdiag archive add` writes it.
+        Raises DataError where the list is not, to the byte, as it is written.
         """
-        name = f"{place.folder}/{LISTED}"
-        listed = self.json(name)
-        files = listed.get("files") if isinstance(listed, dict) else None
-        if (
-            isinstance(files, dict)
-            and _is_complete(files)
-            and all(isinstance(each, str) and _SHA256.fullmatch(each) for each in files.values())
-        ):
-            return files
+        if place.software and not self.exists(place.listed):
+            return Listed({}, "")
+        listed = self.json(place.listed)
+        files, table = (listed.get("files"), listed.get("table", "")) if isinstance(listed, dict) else (None, "")
+        if isinstance(files, dict) and RESULT in files and all(map(_is_hash, (*files.values(), table or "0" * 64))):
+            known = Listed(files, table)
+            if self.read(place.listed, largest=LARGEST_JSON_BYTES) == manifest_of(place, *known):
+                return known
         raise DataError(
-            f"{self.address}: {name}", expected="the list of a survey's files: its result and its logs, each with its SHA-256",
-            found=excerpt(json.dumps(listed)), remedy="restore it from a copy of the store: `stepdiag archive add` wrote it once",
+            f"{self.address}: {place.listed}", expected=message("list-of-survey"),
+            found=excerpt(json.dumps(listed)), remedy=message("restore-from-copy"),
         )  # fmt: skip
 
     @property
@@ -172,12 +230,15 @@ class Store:
     def _require_known(self) -> None:
         if not self.exists(MARK):
             raise UsageError(
-                self.address, expected=f"a store ({MARK})", found="none", remedy="`stepdiag archive add DIR --to STORE` makes one"
+                self.address,
+                expected=message("a-store", name=MARK),
+                found=message("none"),
+                remedy=message("command-writes", command="stepdiag archive add DIR --to STORE"),
             )
         mark = self.json(MARK)
         version = mark.get("version") if isinstance(mark, dict) else None
         if not isinstance(mark, dict) or mark.get("format") != FORMAT or version != VERSION:
-            remedy = "a newer stepdiag reads it" if isinstance(version, int) and version > VERSION else ""
+            remedy = message("newer-reads") if isinstance(version, int) and version > VERSION else ""
             raise UsageError(f"{self.address}: {MARK}", expected=f"{FORMAT}, version {VERSION}", found=str(mark), remedy=remedy)
 
 
@@ -190,11 +251,11 @@ def refusing(name: str) -> Iterator[None]:
         raise
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-        raise UsageError(name, expected="a store that can be read and written", found=why) from error
+        raise UsageError(name, expected=message("readable-and-writable"), found=why) from error
 
 
-def _is_complete(files: dict[str, Any]) -> bool:
-    return RESULT in files and any(name.endswith(".mcap") for name in files)
+def _is_hash(text: object) -> bool:
+    return isinstance(text, str) and _SHA256.fullmatch(text) is not None
 
 
 def _local_tables(root: Path) -> Iterator[str]:

@@ -17,9 +17,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.files import LARGEST_BYTES
-from stepdiag.fleet.rows import About, Row
-from stepdiag.fleet.store import INDEX, Place, Store
+from stepdiag.base.files import LARGEST_BYTES, as_text
+from stepdiag.base.messages import message
+from stepdiag.base.result.result import parse_result
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.fleet.rows import About, Row, about, rows_of
+from stepdiag.fleet.store import INDEX, Place, Store, sha256, unsealed
 
 VERSION, OLDEST = "2", "1"
 """Tables of version 1 lack the columns from `u_common` on."""
@@ -54,7 +57,7 @@ LARGEST_POINT_BYTES = 4000
 """The conditions of a survey stand beside each of its points, and the nodes of a function: three numbers each."""
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999))
-_REMEDY = "remove it: an index is made again by the next `archive add`, a survey's numbers by archiving it again"
+_REMEDY = message("remove-table")
 
 
 def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
@@ -128,15 +131,40 @@ def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
 
 
 def read_table(store: Store, place: Place) -> pa.Table:
-    """Return the rows of one survey, a table of `SCHEMA`. Raises DataError as `from_parquet` does."""
-    return from_parquet(store.read(place.table), place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
+    """Return the rows of one survey, a table of `SCHEMA`, whose bytes have the hash that the list of its files states.
+
+    Where an older version stated none, the rows are compared with those of its result. Raises DataError as `from_parquet` and
+    `Store.listed` do, and for bytes or rows that are others.
+    """
+    return _rows_in(store, place, store.listed(place).table)
+
+
+def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
+    data = store.read(place.table)
+    if stated and sha256(data) != stated:
+        raise DataError(place.table, expected=f"SHA-256 {stated}", found=sha256(data), remedy=_REMEDY)
+    rows = from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
+    if not stated:
+        result = store.read(f"{place.folder}/{RESULT}")
+        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (sha256(result), ""):
+            raise DataError(
+                place.table, expected=message("numbers-of", name=f"{place.folder}/{RESULT}"), found=message("another-one"), remedy=_REMEDY
+            )
+    return rows
+
+
+def rows_from(result: bytes, place: Place) -> pa.Table:
+    """Return the rows of a result in the store. Raises DataError for one that cannot be read."""
+    read = parse_result(as_text(result, f"{place.folder}/{RESULT}"), RESULT)
+    return table_of(about(read, place.survey), list(rows_of(read)))
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
     """Return the points of a store that has so many surveys, a table of `INDEX_SCHEMA`. Raises DataError as `from_parquet` does."""
     most = MOST_POINTS_A_SURVEY * surveys
     largest = max(LARGEST_BYTES, LARGEST_POINT_BYTES * most)
-    return from_parquet(store.read(INDEX, largest=largest), INDEX, INDEX_SCHEMA, max(MOST_ROWS, most), largest)
+    data = unsealed(store.read(INDEX, largest=largest), INDEX)
+    return from_parquet(data, INDEX, INDEX_SCHEMA, max(MOST_ROWS, most), largest)
 
 
 def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int) -> pa.Table:
@@ -163,17 +191,19 @@ def _require_ours(metadata: pq.FileMetaData, name: str, schema: pa.Schema) -> No
     marked = (metadata.metadata or {}).get(_MARK, b"").decode("ascii", "replace")
     names = schema.names[: schema.names.index("u_common")] if marked == OLDEST and "u_common" in schema.names else schema.names
     if marked not in (VERSION, OLDEST) or metadata.schema.to_arrow_schema().names != names:
-        remedy = "a newer stepdiag reads it" if marked.isdecimal() and int(marked) > int(VERSION) else "remove it from the store"
-        raise DataError(name, expected=f"rows of version {VERSION}", found=f"version {marked or 'none'}", remedy=remedy)
+        remedy = message("newer-reads") if marked.isdecimal() and int(marked) > int(VERSION) else _REMEDY
+        raise DataError(name, expected=message("rows-of-version", version=VERSION), found=marked or message("none"), remedy=remedy)
 
 
 def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest: int) -> None:
     unpacked = sum(metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups))
     if metadata.num_rows > most_rows or unpacked > largest:
         raise DataError(
-            name, expected=f"at most {most_rows} rows and {largest} bytes unpacked", found=f"{metadata.num_rows} rows, {unpacked} bytes",
+            name,
+            expected=message("rows-and-bytes-at-most", rows=most_rows, size=largest),
+            found=message("rows-and-bytes", rows=metadata.num_rows, size=unpacked),
             remedy=_REMEDY,
-        )  # fmt: skip
+        )
 
 
 def _require_values(table: pa.Table, name: str) -> None:
@@ -189,7 +219,9 @@ def _require_values(table: pa.Table, name: str) -> None:
     if not _all(pc.and_(pc.greater_equal(table["time"], _EARLIEST), pc.less(table["time"], _LATEST))):
         wrong.append("time")
     if wrong:
-        raise DataError(name, expected="values that a result has", found=f"others in {', '.join(dict.fromkeys(wrong))}", remedy=_REMEDY)
+        raise DataError(
+            name, expected=message("values-of-result"), found=message("several-others", names=list(dict.fromkeys(wrong))), remedy=_REMEDY
+        )
 
 
 def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
@@ -213,4 +245,4 @@ def _damage_named(name: str) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(name, expected="a Parquet file of this store", found=str(error), remedy=_REMEDY) from error
+        raise DataError(name, expected=message("parquet-of-store"), found=str(error), remedy=_REMEDY) from error

@@ -10,12 +10,13 @@ from typing import Any, Literal
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag.base.messages import message, rendered
+from stepdiag.base.messages import joined, message
 from stepdiag.base.result.members import Verdict
 from stepdiag.comparing.evolution import Course
 from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
+from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 PHRASES: dict[Verdict, Literal["store-conform", "store-not-conform", "store-not-decidable"]] = {
@@ -30,14 +31,13 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
     Not ``whole``: every machine's volumetric error, and what is not unchanged; the caption counts the others.
     """
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
-    caption = None if len(rows) == len(trends) else f"{len(trends) - len(rows)} more are unchanged (--machine, --csv and --json show all)"
-    table = Table(title="trend", caption=caption)
-    for column in ("machine", "quantity", "last (k = 2)", "surveys", "what became of it", "tolerance"):
-        table.add_column(column, justify="right" if column == "surveys" else "left")
+    caption = None if len(rows) == len(trends) else shown(message("more-unchanged", count=len(trends) - len(rows)))
+    table = empty_table(message("table-fleet"))
+    table.caption = caption
     for each in rows:
         series = each.series
         name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
-        words = "; ".join(rendered(one, "en") for one in statements(each))
+        words = shown(joined(statements(each)))
         cells = (series.machine, name, _figure(each.last, UNITS[series.unit]), str(len(series.surveys)), words, leaves(each))
         table.add_row(*map(Text, cells), style="bold" if each.outside == "yes" else "")
     return table
@@ -59,13 +59,13 @@ def leaves(trend: Trend) -> str:
     """Return the verdict about the last figure, and when the series leaves its tolerance."""
     if trend.conformity is None:
         return "-"
-    verdict = str(message(PHRASES[trend.conformity], limit=trend.tolerance or 0.0))
+    verdict = shown(message(PHRASES[trend.conformity], limit=trend.tolerance or 0.0))
     return verdict if trend.outside == "yes" or already_perhaps(trend) else f"{verdict}; {_day_of_leaving(trend)}"
 
 
 def _day_of_leaving(trend: Trend) -> str:
     if trend.leaving is None or trend.leaving.likely is None:
-        return "no date from these surveys"
+        return shown(message("no-leaving-date"))
     return f"{day(trend.leaving.likely)} ({_edge(trend.leaving.earliest)} to {_edge(trend.leaving.latest)})"
 
 

@@ -14,6 +14,7 @@ from msgspec import Meta, Struct, field
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.fleet.history import Series
 from stepdiag.fleet.store import Store
@@ -52,7 +53,7 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
     known = {each.quantity for each in series}
     unknown = sorted({*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known)
     if unknown:
-        raise UsageError(source, expected=f"one of {', '.join(sorted(known))}", found=", ".join(unknown))
+        raise UsageError(source, expected=message("one-of", names=sorted(known)), found=", ".join(unknown))
     for machine, of in tolerances.machine.items():
         _require_of(machine, of, series, source)
 
@@ -62,6 +63,6 @@ def _require_of(machine: str, of: Mapping[str, float], series: Sequence[Series],
     own = {each.quantity for each in series if each.machine == machine}
     if not own:
         known = sorted({each.machine for each in series})
-        raise UsageError(f"{source}: machine", expected=f"one of {', '.join(known)}", found=repr(machine))
+        raise UsageError(f"{source}: machine", expected=message("one-of", names=known), found=repr(machine))
     if unknown := sorted(set(of) - own):
-        raise UsageError(f"{source}: machine.{machine!r}", expected=f"one of {', '.join(sorted(own))}", found=", ".join(unknown))
+        raise UsageError(f"{source}: machine.{machine!r}", expected=message("one-of", names=sorted(own)), found=", ".join(unknown))

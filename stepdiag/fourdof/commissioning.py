@@ -1,33 +1,25 @@
-"""Commissioning and tests of a 4-DOF head: signs and lever, curves, stability, comparison (theory.md 9, Feng 2008 section 3)."""
+"""Commissioning and tests of a 4-DOF head: curves, stability, comparison (theory.md 9, Feng 2008 section 3)."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import msgspec
 import numpy as np
 
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.base.volume import Vector
-from stepdiag.daq.survey.head_file import CURVES, AxisName, AxisTable, DetectorName, HeadFile, LeverTable, require_measured
+from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, require_measured
 from stepdiag.fourdof.calibrated import calibrated
 from stepdiag.fourdof.record import HeadRecord, require_angles
 from stepdiag.solver.fourdof.commissioning import (
-    U_SCALE_ASSUMED,
     CurveFit,
-    SignsAndLever,
-    Standstill,
     fit_curve,
-    lever_line,
-    signs_and_lever,
 )
-from stepdiag.solver.fourdof.detector import CurveKind, spots
-from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
+from stepdiag.solver.fourdof.detector import CurveKind
+from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, motion
 from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability, abbe_arm, compare, stability
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
@@ -53,78 +45,6 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
         raw, left = found.raw_angle_urad[:, column] / URAD_PER_ARCSEC, found.angle_urad[:, column] / URAD_PER_ARCSEC
         results[f"angle {axis}"] = stability(raw, left, interval_s)
     return results
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Signed:
-    """The result of the wobble for both lateral axes, the lever of both, and the calibration with the signs and the lever put in."""
-
-    axes: dict[AxisName, SignsAndLever]
-    lever: LeverTable
-    file: HeadFile
-    findings: tuple[Finding, ...]
-
-
-def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) -> Signed:
-    """Return signs and lever from wobbled standstills, each with its distance in mm.
-
-    The signs of PSD1 and PSD2 in the file are changed where they are wrong; the QD's sign must be right already. The lever is the weighted
-    mean of both lateral axes. Raises DataError where the wobble is too small to tell, a gain is wrong, or a curve was never measured.
-    """
-    require_measured(file, "signs", CURVES)
-    for distance, record in standstills:
-        require_angles(record, f"signs at {distance:g} mm")
-    axes: dict[AxisName, SignsAndLever] = {axis: _signs_along(standstills, file, column) for column, axis in enumerate(LATERAL)}
-    signed = file
-    for axis, found in axes.items():
-        detectors: tuple[tuple[DetectorName, int], ...] = (("psd1", found.psd1_sign), ("psd2", found.psd2_sign))
-        for detector, factor in detectors:
-            table = signed.curve(f"{detector}.{axis}") or AxisTable()
-            signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
-    lever, findings = _common_lever(list(axes.values()))
-    return Signed(axes=axes, lever=lever, file=msgspec.structs.replace(signed, lever=lever), findings=tuple(findings))
-
-
-def _signs_along(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile, column: int) -> SignsAndLever:
-    head = calibrated(file)
-    wobbles = []
-    for distance, record in standstills:
-        detectors = (head.qd, head.psd1, head.psd2)
-        qd, psd1, psd2 = (
-            spots(detector, record.channels[:, 3 * i : 3 * i + 2], record.channels[:, 3 * i + 2]) for i, detector in enumerate(detectors)
-        )
-        lit = np.isfinite(qd.shift_um + psd1.shift_um + psd2.shift_um).all(axis=1)
-        wobbles.append(
-            Standstill(
-                travel_mm=distance,
-                qd_um=qd.shift_um[lit, column],
-                psd1_urad=beam_angle_urad(psd1.shift_um[lit, column], head.psd1_focal_length_mm),
-                psd2_urad=beam_angle_urad(psd2.shift_um[lit, column], head.psd2_focal_length_mm),
-            )
-        )
-    return signs_and_lever(wobbles)
-
-
-def _common_lever(axes: Sequence[SignsAndLever]) -> tuple[LeverTable, list[Finding]]:
-    """Return the line of both lateral axes' levers; what the axes differ by beyond chance is in its uncertainty, and named."""
-    travel, lever, u = (np.concatenate([getattr(one, name) for one in axes]) for name in ("travel_mm", "lever_mm", "u_lever_mm"))
-    common = lever_line(travel, lever, u)
-    lines = [lever_line(one.travel_mm, one.lever_mm, one.u_lever_mm) for one in axes]
-    apart = abs(lines[0].at(common.u_at_mm) - lines[1].at(common.u_at_mm))
-    findings = []
-    if apart > 3 * math.hypot(*(line.u_at(common.u_at_mm) for line in lines)):
-        text = message("fourdof-gain-mismatch.levers", size_mm=apart)
-        findings.append(finding("warning", text))
-    turned = abs(lines[0].scale - lines[1].scale)
-    u_scale = U_SCALE_ASSUMED if common.u_scale is None else float(np.hypot(common.u_scale, turned / np.sqrt(12.0)))
-    table = LeverTable(
-        dead_path_mm=common.dead_path_mm,
-        scale=common.scale,
-        u_mm=float(np.hypot(common.u_mm, apart / np.sqrt(12.0))),
-        u_at_mm=common.u_at_mm,
-        u_scale=u_scale,
-    )
-    return table, findings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName, HeadFile
@@ -24,7 +26,7 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
 
     measured = completion.head_of_logs(replay(find_logs(logs)))
     if not measured.straightness:
-        raise DataError(str(logs[0]), expected="a whole pass of the 4-DOF head", found="none", remedy="drive a fourdof run")
+        raise DataError(str(logs[0]), expected=message("whole-head-pass"), found=message("none"), remedy=message("drive-fourdof"))
     return measured
 
 
@@ -40,17 +42,17 @@ def head_record(source: Path, default_s: float, ask: str = "", *, stated_s: floa
 
     suffix, seconds = source.suffix.lower(), stated_s or default_s
     if stated_s is not None and suffix in (".csv", ".mcap"):
-        raise UsageError("--seconds", expected="a live head (a survey file)", found=f"a recording, {source.name}")
+        raise UsageError("--seconds", expected=message("a-survey-file"), found=source.name)
     if suffix == ".csv":
         return read_head_csv(read_text(source), source.name)
     if suffix == ".mcap":
         return head_of_log(source)
     if suffix != ".toml":
-        raise UsageError(str(source), expected="a survey file (.toml), a log (.mcap) or samples (.csv)", found=source.suffix or "no suffix")
+        raise UsageError(str(source), expected=message("head-source"), found=source.suffix or message("no-suffix"))
     survey = load_survey(source)
     if ask:
-        typer.prompt(f"{ask}: press Enter to begin", default="", show_default=False)
-    with working(f"listening to the head for {seconds:g} s"):
+        typer.prompt(shown(message("press-enter", what=ask)), default="", show_default=False)
+    with working(message("listening-to-head", seconds_s=seconds)):
         return listen_to_head(survey, source.name, seconds)
 
 
@@ -91,13 +93,13 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
     rows = []
     unit = "um" if detector == "qd" else "arcsec"
     while True:
-        typed = typer.prompt(f"{detector}.{axis}: reference in {UNITS[unit]}, empty when done", default="", show_default=False)
+        typed = typer.prompt(shown(message("ask-reference", name=f"{detector}.{axis}", unit=UNITS[unit])), default="", show_default=False)
         if not typed.strip():
             break
         try:
             reference = float(typed)
         except ValueError:
-            typer.echo("a number, such as -650 or 12.5", err=True)
+            print_words(message("such-as", what=message("a-number"), example="-650"), err=True)
             continue
         mean = head_record(source, STAGE_S).channels.mean(axis=0)
         rows.append((float(mean[first + ("x", "y").index(axis)] / mean[first + 2]), reference))

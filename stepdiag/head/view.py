@@ -9,18 +9,19 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from stepdiag.base.messages import message
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
 from stepdiag.daq.timing.samples import Flag, Samples
 from stepdiag.fourdof.commission import HeadCommissioned
-from stepdiag.fourdof.commissioning import Calibrated, Signed
+from stepdiag.fourdof.commissioning import Calibrated
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
-from stepdiag.terminal.tables import finding_lines
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 from stepdiag.texts.texts import UNITS
 
 DETECTORS = ("QD", "PSD1", "PSD2")
@@ -43,7 +44,7 @@ class AlignView:
     @contextmanager
     def live(self) -> Iterator[None]:
         """Show what `take` is given, until the block ends."""
-        with Live(Table(title="waiting for the head"), console=self._console, refresh_per_second=REFRESH_HZ) as live:
+        with Live(empty_table(message("waiting-for-head")), console=self._console, refresh_per_second=REFRESH_HZ) as live:
             self._live = live
             yield
         self._live = None
@@ -62,14 +63,15 @@ class AlignView:
     def table(self, channels: Vector, flags: int) -> Table:
         """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum against the highest seen."""
         flagged = ", ".join(name.lower().replace("_", " ") for flag, name in ((flag, str(flag.name)) for flag in Flag) if flags & flag)
-        table = Table(title=f"4-DOF head: {flagged or 'all samples good'}", box=SIMPLE)
-        for heading in ("detector", "x", "", "y", "", "sum", "of highest"):
-            table.add_column(heading, justify="left" if heading in ("detector", "") else "right", no_wrap=True)
+        table = empty_table(message("table-spots", what=flagged or message("all-samples-good")))
+        table.box = SIMPLE
+        for column in table.columns:
+            column.no_wrap = True
         for index in range(len(channels) // 3):
             x, y, total = channels[3 * index : 3 * index + 3]
             self._fullest[index] = max(self._fullest[index], total)
             place = (x / total, y / total) if total > 0 else (np.nan, np.nan)
-            share = f"{100 * total / self._fullest[index]:.0f} %" if self._fullest[index] > 0 else "dark"
+            share = f"{100 * total / self._fullest[index]:.0f} %" if self._fullest[index] > 0 else shown(message("spot-dark"))
             cells = [cell for value in place for cell in (f"{value:+.4f}", _bar(value))]
             table.add_row(DETECTORS[index], *cells, f"{total:.6g}", share)
         return table
@@ -83,41 +85,24 @@ def _bar(value: float) -> str:
     return "".join(cells)
 
 
-def signs_lines(found: Signed) -> Iterator[str]:
-    """Yield the results of the wobble, line by line."""
-    for axis, each in found.axes.items():
-        turned = [name for name, sign in (("PSD1", each.psd1_sign), ("PSD2", each.psd2_sign)) if sign < 0]
-        yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
-        levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
-        yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
-    lever = found.lever
-    u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
-    yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
-    yield from finding_lines(found.findings)
-
-
 def commission_table(done: HeadCommissioned) -> None:
     """Print one row a field that the commissioning found: its value and its U (k = 2)."""
-    table = Table(title="commissioned")
-    for heading in ("field", "value", "U"):
-        table.add_column(heading, justify="left" if heading == "field" else "right")
+    table = empty_table(message("table-commissioned"))
     for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
     Console().print(table)
-    Console().print(f"{done.stands} stands, {done.dark} samples without light; a jog misses by {2 * done.found.u_jog_um:.2g} µm (k = 2)")
+    print_words(message("commissioned-by", stands=done.stands, dark=done.dark, miss_um=2 * done.found.u_jog_um))
 
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
     """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the published head's."""
-    table = Table(title="calibration")
-    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / µm", "within 1.5"):
-        table.add_column(heading, justify="right")
+    table = empty_table(message("table-calibration"))
     for name, each in fits.items():
         low, high = each.limits
         reach = f"{each.run.reference.min():g} .. {each.run.reference.max():g}"
         inside = max(-low, high) <= (PAPER_UM if each.run.unit == "um" else PAPER_ARCSEC)
         figures = (f"{low:+.2f}", f"{high:+.2f}", UNITS[each.run.unit], f"{each.fit.curve.u_um:.2f}")
-        table.add_row(name, reach, *figures, "yes" if inside else "NO")
+        table.add_row(name, reach, *figures, shown(message("identified-yes" if inside else "identified-no")))
     Console().print(table)
 
 
@@ -134,14 +119,12 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
 
 def stability_table(found: Mapping[str, Stability]) -> None:
     """Print one row a quantity: fluctuation (largest minus smallest) raw and compensated, the part removed, standard deviations."""
-    table = Table(title="stability: largest minus smallest")
-    for heading in ("quantity", "raw", "compensated", "removed", "s raw", "s compensated", "unit"):
-        table.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=heading == "quantity")
+    table = empty_table(message("table-stability"))
+    table.columns[0].no_wrap = True
     for name, each in found.items():
         figures = (each.raw_fluctuation, each.compensated_fluctuation)
         removed = f"{each.removed_percent:.0f} %"
-        shown = [f"{value:.2f}" for value in figures]
-        table.add_row(name, *shown, removed, f"{each.raw_s:.3f}", f"{each.compensated_s:.3f}", _unit(name))
+        table.add_row(name, *(f"{value:.2f}" for value in figures), removed, f"{each.raw_s:.3f}", f"{each.compensated_s:.3f}", _unit(name))
     Console().print(table)
 
 
@@ -161,9 +144,7 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
 
 def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None:
     """Print one row a function: straightness by the three lines, or the range of an angle, and U (k = 2) of a value."""
-    table = Table(title="measured by the 4-DOF head: largest minus smallest")
-    for heading in ("function", *LINES, "range", "U", "unit"):
-        table.add_column(heading, justify="left" if heading in ("function", "unit") else "right")
+    table = empty_table(message("table-head"))
     for one in straight:
         lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
         table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "µm")
@@ -175,9 +156,7 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
 
 def comparison_table(found: Mapping[str, Comparison]) -> None:
     """Print one row a function: residuals against the reference."""
-    table = Table(title="head minus reference")
-    for heading in ("function", "positions", "lowest", "highest", "rms", "unit"):
-        table.add_column(heading, justify="left" if heading == "function" else "right")
+    table = empty_table(message("table-head-reference"))
     for name, each in found.items():
         figures = (f"{each.lowest:+.2f}", f"{each.highest:+.2f}", f"{each.rms:.2f}")
         table.add_row(name, str(len(each.position_mm)), *figures, _unit(name))
@@ -187,10 +166,10 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
 def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
     """Yield for every axis where one head stood from the other (U, k = 2), and the rms that this leaves of the functions."""
     for axis, arm in arms.items():
-        shown = zip("xyz", arm.mm, arm.u_mm, strict=True)
-        places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in shown if np.isfinite(mm))
+        offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
+        places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm))
         left = ", ".join(f"{name} {arm.rms_um(name):.2f} µm" for name in arm.residual_um)
-        yield f"{axis}: the head stood from the reference at {places}; with this arm the rms is {left}"
+        yield shown(message("head-arm", axis=axis, places=places, left=left))
 
 
 def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:

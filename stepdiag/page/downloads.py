@@ -17,7 +17,7 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
         return ()
     found = [(path, "result") for name in (RESULT, READINGS, CONCLUSION) if (path := folder / name).is_file()]
     found += [(path, "report") for path in sorted(folder.glob("report.*")) if path.is_file()]
-    found += [(path, "certificate") for path in sorted(folder.glob("certificate*.xml")) if path.is_file()]
+    found += [(path, "certificate") for path in sorted(folder.glob("certificate*.*")) if path.is_file()]
     found += [(path, "export") for path in _exported(folder / EXPORTS)]
     found += [(path, "log") for path in logs_in(folder) if path.suffix == ".mcap"]
     files = tuple(

@@ -1,4 +1,8 @@
-"""The daemon's side of the page: opens its address, keeps its process, sends pictures, hears orders.
+"""The daemon's side of the page: sends pictures, hears orders.
+
+As a service the page is a unit with an account of its own, which systemd starts for its first visitor and which comes over a socket of the
+file system; the kernel names the account that calls (SO_PEERCRED, unix(7)), and no other is served. Elsewhere the daemon opens the page's
+address and keeps its process, over a pair of sockets.
 
 Whatever comes from that process is as little trusted as what comes from a browser: its messages are short, few at a time, and checked;
 what it does not fetch is left out. Nothing here ends the daemon.
@@ -7,12 +11,14 @@ what it does not fetch is left out. Nothing here ends the daemon.
 import asyncio
 import os
 import socket
+import struct
 import sys
 import time
 from asyncio.subprocess import PIPE
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import structlog
 
@@ -114,6 +120,40 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
 
 
 @asynccontextmanager
+async def page_served(path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]) -> AsyncIterator[None]:
+    """Serve the page of another account over a socket of the file system while the block runs; one that comes anew takes over."""
+    visits: set[asyncio.Task[None]] = set()
+
+    async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        caller = struct.unpack("3i", writer.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[1]
+        if caller != account:
+            _log.error("page-stranger", account=caller, expected=account)
+            writer.transport.abort()
+            return
+        for earlier in visits:
+            earlier.cancel()
+        task = asyncio.current_task()
+        assert task is not None
+        visits.add(task)
+        visit = _Visit(source, _Line(writer.transport), figures)
+        try:
+            await visit.hear(reader)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the page comes back and the recording goes on
+            _log.error("page-ended", said=f"{type(error).__name__}: {error}"[:LAST_WORDS])
+        finally:
+            visits.discard(task)
+            visit.close()
+            writer.transport.abort()
+
+    server = await asyncio.start_unix_server(welcome, path, limit=LONGEST_REQUEST + LENGTH_BYTES)
+    os.chmod(path, 0o660)  # noqa: PTH101  # to connect is to write; the group is that of who reads the survey, and the account is asked for
+    async with server:
+        yield
+        for each in visits:
+            each.cancel()
+
+
+@asynccontextmanager
 async def page_kept(
     source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
 ) -> AsyncIterator[None]:
@@ -156,28 +196,25 @@ class PageKeeper:
 
     async def _one_life(self) -> str:
         """Run the process to its end; return its last words. Whatever goes wrong here ends it, and nothing else."""
-        hears, writes = os.pipe()
-        asked, asks = os.pipe()
-        try:
-            child = await asyncio.create_subprocess_exec(
-                sys.executable, "-P", "-m", "stepdiag.page.process", *self._listeners.descriptors,
-                stdin=hears, stdout=asks, stderr=PIPE, pass_fds=self._listeners.open,
-                env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
-            )  # fmt: skip
-        except OSError as error:
-            os.close(writes)
-            os.close(asked)
-            return str(error)
-        finally:
-            os.close(hears)
-            os.close(asks)
-        return await self._serve(child, writes, asked)
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            try:
+                child = await asyncio.create_subprocess_exec(
+                    sys.executable, "-P", "-m", "stepdiag.page.process", *self._listeners.descriptors,
+                    stdin=theirs.fileno(), stdout=theirs.fileno(), stderr=PIPE, pass_fds=self._listeners.open,
+                    env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
+                )  # fmt: skip
+            except OSError as error:
+                return str(error)
+            theirs.close()
+            return await self._serve(child, ours)
 
-    async def _serve(self, child: asyncio.subprocess.Process, writes: int, asked: int) -> str:
-        line = await _Line.over(writes)
+    async def _serve(self, child: asyncio.subprocess.Process, ours: socket.socket) -> str:
+        reader, writer = await asyncio.open_connection(sock=ours, limit=LONGEST_REQUEST + LENGTH_BYTES)
+        line = _Line(writer.transport)
         words = asyncio.create_task(_last_words(child), name="page's last words")
         visit = _Visit(self._source, line, self._figures)
-        serving = asyncio.create_task(visit.hear(asked), name="page's requests")
+        serving = asyncio.create_task(visit.hear(reader), name="page's requests")
         line.send(self._settings)
         failure = ""
         try:
@@ -194,17 +231,10 @@ class PageKeeper:
 
 
 class _Line:
-    """The pipe to the page. What it does not fetch is not sent: a picture is left out, and too much of all else ends the visit."""
+    """The way to the page. What it does not fetch is not sent: a picture is left out, and too much of all else ends the visit."""
 
     def __init__(self, transport: asyncio.WriteTransport) -> None:
         self._transport = transport
-
-    @classmethod
-    async def over(cls, descriptor: int) -> "_Line":
-        """Take over the writing end of a pipe."""
-        loop = asyncio.get_running_loop()
-        transport, _ = await loop.connect_write_pipe(asyncio.BaseProtocol, os.fdopen(descriptor, "wb", buffering=0))
-        return cls(transport)
 
     @property
     def clear(self) -> bool:
@@ -218,7 +248,7 @@ class _Line:
         self._transport.write(framed(message))
 
     def close(self) -> None:
-        """Close the pipe without waiting for anybody; one that broke has closed itself."""
+        """Close the connection without waiting for anybody; one that broke has closed itself."""
         if not self._transport.is_closing():
             self._transport.abort()
 
@@ -233,22 +263,15 @@ class _Visit:
         self._pictures: asyncio.Task[None] | None = None
         self._faults = 0
 
-    async def hear(self, descriptor: int) -> None:
+    async def hear(self, reader: asyncio.StreamReader) -> None:
         """Do what is asked, one thing at a time. Raises what makes the page one that cannot be served on."""
-        reader = asyncio.StreamReader(limit=LONGEST_REQUEST + LENGTH_BYTES)
-        loop = asyncio.get_running_loop()
-        transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(descriptor, "rb", buffering=0))
-        try:
+        with suppress(asyncio.IncompleteReadError):
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_REQUEST:
                     raise ConnectionError(f"a request of {length} bytes")
                 await self._do(request_decoder.decode(await reader.readexactly(length)))
                 await asyncio.sleep(REQUEST_S)
-        except asyncio.IncompleteReadError:
-            return
-        finally:
-            transport.close()
 
     def close(self) -> None:
         """Send no more pictures."""
@@ -271,7 +294,7 @@ class _Visit:
             case Fault():
                 self._say_fault(request.text)
             case Ready():
-                _log.info("page-confined", open=", ".join(request.open)[:100] or "nothing")
+                _log.info("page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing")
 
     def _say_fault(self, text: str) -> None:
         """Say it in the log, but not for every request of somebody who has found a way to cause it."""

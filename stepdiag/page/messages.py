@@ -90,7 +90,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The page is served; ``open`` names what the kernel could not shut (`stepdiag.page.confine`)."""
+    """The page is served; ``open`` names what the kernel could not shut (`stepdiag.walls.confine`)."""
 
     open: tuple[str, ...]
 

@@ -1,8 +1,10 @@
-"""The page's process: serves page and metrics on addresses it was handed, with the fewest rights. Started by `stepdiag.page.keeper` only.
+"""The page's process: serves page and metrics on addresses it was handed, with the fewest rights.
 
-    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none
+    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none; started by `stepdiag.page.keeper`
+    stepdiag page FILE                               started by systemd, which hands over the sockets (sd_listen_fds(3))
 
-Standard input brings what the daemon tells, standard output takes what is asked of it (`stepdiag.page.messages`).
+One socket brings what the daemon tells and takes what is asked of it (`stepdiag.page.messages`): standard input and output, or one of the
+file system, where the unit has an account of its own.
 """
 
 import asyncio
@@ -10,7 +12,9 @@ import contextlib
 import mimetypes
 import os
 import signal
+import socket
 import sys
+import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -19,19 +23,26 @@ import uvicorn
 from anyio.to_thread import current_default_thread_limiter
 from starlette.applications import Starlette
 
+from stepdiag.base.errors import DeviceError, system_words
+from stepdiag.base.messages import message
 from stepdiag.daq.service.priority import lower_priority
+from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.app import Page, create_app
-from stepdiag.page.confine import confine, die_with_parent
 from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop, PunctualProtocol
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
 from stepdiag.page.metrics import create_metrics
 from stepdiag.page.remote import RemoteDaemon
+from stepdiag.page.settings import page_settings
+from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 
 THREADS = 4
 """That read files at once."""
+SOCKET = "STEPDIAG_PAGE_SOCKET"
+"""The environment of both units names the socket of the file system over which they talk."""
+FIRST_HANDED = 3
+PATIENCE_S, AGAIN_S = 10.0, 0.2
 GRACE_S = 1
 """How long open downloads may go on once the daemon ends."""
-PROGRAM = Path(__file__).parents[1]
 
 
 class _Server(uvicorn.Server):
@@ -44,24 +55,68 @@ class _Server(uvicorn.Server):
 
 
 def main(page: str, metrics: str) -> None:
-    """Serve until the daemon closes its pipe."""
+    """Serve until the daemon closes its end."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal is for the daemon
     hears, asks = sys.stdin.buffer, _own_output()
     length = int.from_bytes(hears.read(LENGTH_BYTES), "big")
     settings = settings_decoder.decode(hears.read(length))
+    _run(hears, asks, settings, *(None if each == "-" else int(each) for each in (page, metrics)))
+
+
+def serve_activated(survey_file: Path) -> None:
+    """Serve the addresses that systemd handed over, until the daemon closes its end. Raises DeviceError where no daemon records.
+
+    The secrets are credentials of this unit: the daemon has none of them.
+    """
+    survey = load_survey(survey_file)
+    settings = page_settings(survey_file, survey)
+    line = _called(Path(os.environ[SOCKET]))
+    asks = os.fdopen(os.dup(line.fileno()), "wb", buffering=0)
+    os.set_blocking(asks.fileno(), False)
+    handed = {one.getsockname()[1]: one.detach() for one in (socket.socket(fileno=each) for each in _handed_over())}
+    page, metrics = (handed.get(each.port) if each.enabled else None for each in (survey.page, survey.metrics))
+    _run(os.fdopen(line.detach(), "rb", buffering=0), asks, settings, page, metrics)
+
+
+def _handed_over() -> range:
+    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): from 3 on, for this process alone."""
+    if os.environ.get("LISTEN_PID") != str(os.getpid()):
+        return range(0)
+    return range(FIRST_HANDED, FIRST_HANDED + int(os.environ.get("LISTEN_FDS", "0")))
+
+
+def _called(path: Path) -> socket.socket:
+    """Return a connection to the daemon, which may be starting. Raises DeviceError where none takes it in `PATIENCE_S`."""
+    end = time.monotonic() + PATIENCE_S
+    while True:
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            line.connect(str(path))
+        except OSError as error:
+            line.close()
+            if time.monotonic() > end:
+                raise DeviceError(str(path), expected=message("daemon-records"), found=system_words(error)) from error
+            time.sleep(AGAIN_S)
+        else:
+            return line
+
+
+def _run(hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | None, metrics: int | None) -> None:
     daemon = RemoteDaemon(asks)
     servers = []
-    if page != "-":
+    if page is not None:
         shown = Page(daemon, settings)
         daemon.on_picture = lambda picture: shown.broadcaster.show(picture.snapshot)
         daemon.on_end = shown.broadcaster.close
-        servers.append((_server(create_app(shown, daemon, settings), settings), CappedListener(int(page))))
-    if metrics != "-":
-        servers.append((_server(create_metrics(daemon.figures)), CappedListener(int(metrics))))
+        servers.append((_server(create_app(shown, daemon, settings), settings), CappedListener(page)))
+    if metrics is not None:
+        servers.append((_server(create_metrics(daemon.figures)), CappedListener(metrics)))
     mimetypes.init()  # reads /etc
-    still_open = confine(_readable(settings))
+    lower_priority()
     with asyncio.Runner(loop_factory=PunctualLoop) as runner:
+        runner.get_loop()  # has a pair of sockets
+        still_open = confine(readable_by_program(Path(settings.folder)))
         runner.run(_serve(daemon, hears, servers, still_open))
     os._exit(0)  # nothing is left to be written, and the daemon waits
 
@@ -72,12 +127,6 @@ def _own_output() -> BinaryIO:
     os.set_blocking(asks.fileno(), False)
     os.dup2(2, 1)
     return asks
-
-
-def _readable(settings: PageSettings) -> Sequence[Path]:
-    """Return what of the disk is read: the program, its libraries, and the survey's files."""
-    libraries = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime") if place]
-    return (Path(settings.folder), PROGRAM, *libraries)
 
 
 def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Server:
@@ -106,7 +155,6 @@ async def _serve(
     current_default_thread_limiter().total_tokens = THREADS
     asyncio.get_running_loop().set_exception_handler(lambda _, context: daemon.say_fault(context.get("exception") or context["message"]))
     tasks = [asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers]
-    lower_priority()  # not before: a page that starts late is a machinist who waits
     daemon.say_ready(tuple(still_open))
     hearing = asyncio.create_task(daemon.hear(hears))
     done, _ = await asyncio.wait([hearing, *tasks], return_when=asyncio.FIRST_COMPLETED)

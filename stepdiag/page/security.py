@@ -138,13 +138,15 @@ class Access:
     async def commands(self, request: Request) -> bool:
         """Return whether the request carries the token, percent-encoded since a header holds no other letters than ASCII.
 
-        Compared in constant time; false where none is configured. A wrong one is counted and answered late.
+        False where none is configured.
         """
         scheme, _, given = request.headers.get("authorization", "").partition(" ")
-        if not self._token or scheme.lower() != "bearer":
-            return False
+        return bool(self._token) and scheme.lower() == "bearer" and await self.is_token(request, unquote(given))
+
+    async def is_token(self, request: Request, given: str) -> bool:
+        """Return whether somebody gives the token, compared in constant time; a wrong one is counted and answered late."""
         address = address_of(request)
-        if hmac.compare_digest(unquote(given).encode("utf-8", "replace"), self._token.encode()):
+        if hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             self.guesses.right(address)
             return True
         await asyncio.sleep(self.guesses.wrong(address))

@@ -58,6 +58,7 @@ def now_view(now: Snapshot) -> dict[str, Any]:
         **plain,
         **{link: _link(getattr(now, link)) for link in ("laser", "plc", "head", "air")},
         "message": in_every_language(now.message),
+        "ahead": {"words": in_every_language(now.ahead.words), "further": now.ahead.further},
         "stage": head.stage,
         "alarm": head.alarm,
         "lead": head.lead,

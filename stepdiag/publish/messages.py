@@ -11,7 +11,7 @@ from urllib.parse import quote
 import msgspec
 
 from stepdiag.base.errors import StepdiagError
-from stepdiag.base.files import as_text, read_bytes
+from stepdiag.base.files import read_hashed
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.recording.rounds import round_folders
@@ -129,7 +129,7 @@ class Watched:
     """The folder of one survey: its messages now, a result read anew only where its file has changed."""
 
     def __init__(self, survey: Survey, folder: Path) -> None:
-        self._survey, self._folder = survey, folder
+        self._survey, self.folder = survey, folder
         self._machine, self._name = survey.identity.machine, survey.identity.name
         self._read: dict[Path, tuple[tuple[int, int], tuple[Findings, ResultMessage]]] = {}
 
@@ -146,8 +146,8 @@ class Watched:
         """Return the state, findings and result where they can be read; the state names what is wrong with one that cannot."""
         last, published, damage, complete, live = None, None, "", False, None
         try:
-            live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
-            rounds = round_folders(self._folder)
+            live = live_in(self.folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
+            rounds = round_folders(self.folder)
             last = rounds[-1] if rounds else None
             complete = last is not None and (last / RESULT).is_file()  # a result that comes right now is one of the next look
             published = self._published_of(last) if last is not None and complete else None
@@ -159,7 +159,7 @@ class Watched:
         """Yield findings and result of every round, oldest first; what cannot be read is left out."""
         rounds: list[Path] = []
         with suppress(OSError):
-            rounds = round_folders(self._folder)
+            rounds = round_folders(self.folder)
         for each in rounds:
             with suppress(StepdiagError, OSError):
                 if (published := self._published_of(each)) is not None:
@@ -188,8 +188,8 @@ class Watched:
         known = self._read.get(path)
         if known is None or known[0] != seen:
             name = f"{round_.name}/{RESULT}"
-            data = read_bytes(path, name)
-            known = (seen, self._messages(parse_result(as_text(data, name), name), hashlib.sha256(data).hexdigest(), round_.name))
+            text = read_hashed(path)
+            known = (seen, self._messages(parse_result(text, name), hashlib.sha256(text.encode("utf-8")).hexdigest(), round_.name))
             self._read[path] = known
         return known[1]
 

@@ -5,6 +5,7 @@ runs in a process of its own and knows nothing of this one.
 """
 
 import asyncio
+import socket
 import ssl
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,6 +20,7 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
 from stepdiag.base.errors import DataError, DeviceError, UsageError, system_words
+from stepdiag.base.messages import message
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Message, State, Watched, topic_of
 from stepdiag.publish.process import stand_back, stopped_by_signal
@@ -73,7 +75,7 @@ class _Publisher:
     async def run(self, *, once: bool) -> None:
         """Send until it is to end; a broker that is slow to hear the last words is not waited for."""
         self._stop = stopped_by_signal()
-        stand_back()
+        stand_back(self._watched.folder, calls=self._broker.port)
         sending, stopped = asyncio.create_task(self._run(once=once)), asyncio.create_task(self._stop.wait())
         await asyncio.wait({sending, stopped}, return_when=asyncio.FIRST_COMPLETED)
         stopped.cancel()
@@ -113,10 +115,10 @@ class _Publisher:
         sent: dict[str, bytes] = {}
         if once:
             state, *others = self._watched.now()
-            for message in (state, *others):
-                await self._put(client, message, sent)
+            for topic in (state, *others):
+                await self._put(client, topic, sent)
             if isinstance(state, State) and state.damage:  # nobody looks again
-                raise DataError(self._watched.name, expected="a result that can be read", found=state.damage)
+                raise DataError(self._watched.name, expected=message("readable-result"), found=state.damage)
             self._stop.set()
             return
         await self._put(client, self._watched.online(online=True), sent)
@@ -136,12 +138,12 @@ class _Publisher:
             await asyncio.gather(lost, stopped, return_exceptions=True)
 
     async def _send_new(self, client: aiomqtt.Client, sent: dict[str, bytes]) -> None:
-        for message in self._watched.now():
-            if isinstance(message, State) and message.damage != self._damage:
-                self._damage = message.damage
+        for topic in self._watched.now():
+            if isinstance(topic, State) and topic.damage != self._damage:
+                self._damage = topic.damage
                 if self._damage:
                     _log.warning("survey-unreadable", reason=self._damage)
-            await self._put(client, message, sent)
+            await self._put(client, topic, sent)
 
     async def _put(self, client: aiomqtt.Client, message: Message, sent: dict[str, bytes]) -> None:
         topic, payload = self._topic(message), msgspec.json.encode(message)
@@ -155,10 +157,8 @@ class _Publisher:
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
         if refused or untrusted or once:
-            remedy = (
-                "name the authority of its certificate: --ca FILE" if untrusted else "see user, password and the broker's own log" * refused
-            )
-            raise DeviceError(f"broker {self._broker.address}", expected="a broker that takes messages", found=str(error), remedy=remedy)
+            remedy = message("name-authority") if untrusted else message("see-broker-log") if refused else ""
+            raise DeviceError(self._broker.address, expected=message("willing-broker"), found=str(error), remedy=remedy)
 
 
 class _Client(aiomqtt.Client):
@@ -170,6 +170,10 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
+        # the library binds its side to any port first, which the walls of this process shut (`stepdiag.walls.confine`)
+        paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
+            (paho.host, paho.port), timeout=paho.connect_timeout
+        )
 
     def let_go(self) -> None:
         """Close what is open: the library leaves a connection on which something unexpected came, and hears it on and on."""
@@ -202,4 +206,4 @@ def _context(broker: Broker) -> ssl.SSLContext | None:
     try:
         return ssl.create_default_context(cafile=None if broker.authority is None else str(broker.authority))
     except OSError as error:  # ssl.SSLError is one
-        raise UsageError(str(broker.authority), expected="certificates in PEM", found=system_words(error)) from error
+        raise UsageError(str(broker.authority), expected=message("pem-certificates"), found=system_words(error)) from error

@@ -21,6 +21,7 @@ from asyncua.crypto.permission_rules import User, UserRole
 
 from stepdiag.base.conformity import together
 from stepdiag.base.errors import DeviceError, UsageError, system_words
+from stepdiag.base.messages import message
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.gate import Doors, GatedLoop
 from stepdiag.publish.messages import Findings, ResultMessage, State, Watched
@@ -85,11 +86,11 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
     for each in watched.history():
         await station.offer(*each, new=False)
     await station.say(watched)
-    stand_back()
     try:
         await server.start()
     except OSError as error:
-        raise DeviceError(endpoint.url, expected="a free port of this computer", found=system_words(error)) from error
+        raise DeviceError(endpoint.url, expected=message("free-address", address=endpoint.url), found=system_words(error)) from error
+    stand_back(watched.folder)
     _log.info("opcua-serves", address=endpoint.url)
     try:
         while not stop.is_set():
@@ -109,7 +110,7 @@ async def _prepared(endpoint: Endpoint, doors: Doors) -> Server:
         if path is not None:
             await _loaded(path, load)
     if secure and server.iserver.certificate.public_key() != server.iserver.private_key.public_key():
-        raise UsageError(str(endpoint.key), expected=f"the key of {endpoint.certificate}", found="that of another certificate")
+        raise UsageError(str(endpoint.key), expected=message("key-of", name=str(endpoint.certificate)), found=message("another-one"))
     await server.init()
     await announce_limits(server)
     server.set_endpoint(endpoint.url)
@@ -126,10 +127,8 @@ async def _loaded(path: Path, load: Callable[[Path], Any]) -> None:
         await load(path)
     except (OSError, ValueError, TypeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-        remedy = "openssl req -x509 .. -addext subjectAltName=URI:urn:NAME,DNS:HOST makes both"
-        raise UsageError(
-            str(path), expected="a certificate, or its key without a password, in PEM (.pem)", found=why, remedy=remedy
-        ) from error
+        remedy = message("command-writes", command="openssl req -x509 .. -addext subjectAltName=URI:urn:NAME,DNS:HOST")
+        raise UsageError(str(path), expected=message("certificate-and-key"), found=why, remedy=remedy) from error
 
 
 def _uri_of(certificate: Any) -> str:

@@ -1,21 +1,35 @@
-"""What a program that publishes gives up for the recording beside it, and how it is ended."""
+"""What a program that publishes gives up for the recording beside it, its walls, and how it is ended."""
 
 import asyncio
 import os
 import resource
 import signal
+from pathlib import Path
+
+import structlog
+
+from stepdiag.walls.confine import confine_publisher, readable_by_program
 
 MOST_MEMORY = 2**30
 """Bytes of data, whatever comes from the network; a server of OPC UA takes 140 MB of memory."""
+NAMES = ("/etc", "/run/systemd/resolve")
+"""What finds a host by its name, and the authorities of certificates."""
 BEHIND = 5
 """How much it stands back (nice)."""
 
+_log = structlog.get_logger("publish")
 
-def stand_back() -> None:
-    """Leave the processor to the recording where both want it, and memory too."""
+
+def stand_back(folder: Path, *, calls: int = 0) -> None:
+    """Leave the processor to the recording where both want it, and memory too; then set up the walls (`stepdiag.walls.confine`).
+
+    ``folder`` is the survey's; ``calls`` is the port of what is called, 0 where others come. What stays open stands in the journal.
+    """
     os.nice(BEHIND)
     allowed = [limit for limit in (MOST_MEMORY, *resource.getrlimit(resource.RLIMIT_DATA)) if limit != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_DATA, (min(allowed), min(allowed)))
+    still_open = confine_publisher((*readable_by_program(folder), *map(Path, NAMES)), calls=calls)
+    _log.info("publish-confined", open=", ".join(still_open) or "nothing")
 
 
 def stopped_by_signal() -> asyncio.Event:

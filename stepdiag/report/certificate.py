@@ -10,6 +10,7 @@ from stepdiag.base.compensation import stated_in
 from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
+from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.members import Facts, Judged
 from stepdiag.base.result.result import Quantity, Result
@@ -22,7 +23,7 @@ from stepdiag.texts.texts import UNITS
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
-    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event",
+    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event", "corrected",
 )  # fmt: skip
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
 DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instrument_serial", "instrument_certificate", "sensors"}
@@ -46,9 +47,7 @@ def read_letterhead(path: Path) -> Letterhead:
     fields = read_toml(read_text(path), str(path))
     unknown = sorted(fields.keys() - {"company", "address", "logo"})
     if unknown or not all(isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")):
-        raise UsageError(
-            str(path), expected='texts "company", "address" and "logo"', found=", ".join(unknown) or "something else than text"
-        )
+        raise UsageError(str(path), expected=message("letterhead-texts"), found=", ".join(unknown) or message("another-one"))
     logo = fields.get("logo", "")
     return Letterhead(
         company=fields.get("company", ""),
@@ -60,10 +59,10 @@ def read_letterhead(path: Path) -> Letterhead:
 def _picture(path: Path) -> str:
     kind = PICTURES.get(path.suffix.lower())
     if kind is None:
-        raise UsageError(str(path), expected=f"a picture ({', '.join(PICTURES)})", found=path.suffix or "no ending")
+        raise UsageError(str(path), expected=message("a-picture", endings=list(PICTURES)), found=path.suffix or message("no-suffix"))
     data = read_bytes(path)
     if len(data) > LARGEST_LOGO_BYTES:
-        raise UsageError(str(path), expected=f"a logo of at most {LARGEST_LOGO_BYTES} bytes", found=f"{len(data)}")
+        raise UsageError(str(path), expected=message("file-of-at-most", name="logo", most=LARGEST_LOGO_BYTES), found=f"{len(data)}")
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -126,7 +125,7 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
     now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
     then = {one.quantity: one for one in (() if conformity is None else conformity.predicted)}
     later = {one.quantity: one for one in (() if left is None else left.judged)}
-    none, waiting = shown(None), words["not_yet"] if left is None else shown(None)
+    none = shown(None)
     rows: list[tuple[str, ...]] = []
 
     def row(name: str, quantity: str, cells: tuple[str, str, str]) -> None:
@@ -137,29 +136,30 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
 
     if reach is not None:
         figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
-        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words, waiting))
+        row(f"{words['field']}, {words['rms']} / µm", "volumetric_rms", _cells(figures, interval_words))
         figures = (reach.largest_before, reach.largest_after, None if left is None else left.largest)
-        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words, waiting))
+        row(f"{words['field']}, {words['maximum']} / µm", "volumetric_largest", _cells(figures, bound_words))
     for name, number in result.squareness.items() if rows or tolerance else ():
-        after = waiting if left is None or name not in left.squareness else with_u(left.squareness[name])
+        after = none if left is None or name not in left.squareness else with_u(left.squareness[name])
         row(f"{name} / µrad", name, (with_u(number), _between(then[name]) if name in then else none, after))
     for quantity, one in now.items():
         if quantity not in result.squareness and not quantity.startswith("volumetric"):
-            after = waiting if quantity not in later else _between(later[quantity])
+            after = none if quantity not in later else _between(later[quantity])
             before = _between(then[quantity]) if quantity in then else none
             row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), before, after))
-    header = (words["name"], words["as_found"], words["predicted"], words["as_left"])
+    again = words["as_left"] + (f" ({words['not_yet']})" if left is None else "")
+    header = (words["name"], words["as_found"], words["predicted"], again)
     return Table(header=(*header, *((words["tolerance"], words["verdict"]) if tolerance else ())), rows=rows) if rows else None
 
 
-def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str], waiting: str) -> tuple[str, str, str]:
+def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str]) -> tuple[str, str, str]:
     before, after, later = figures
-    return form(before), form(after), waiting if later is None else form(later)
+    return form(before), form(after), shown(None) if later is None else form(later)
 
 
 def _verdict(one: Judged, language: Language) -> str:
     """Return the verdict with the probability of conformity."""
-    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)} %)")
+    return verdict_words(one, language) + ("" if one.probability is None else f" ({probability_words(one.probability)}\N{NO-BREAK SPACE}%)")
 
 
 def _between(one: Judged) -> str:
@@ -211,8 +211,8 @@ def as_left(source: str, again: Conclusion, found: Reach | None, after: Result |
     Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
     """
     if again.reach is None or found is None:
-        what = "a survey in which an axis did not travel"
-        raise UsageError("as left", expected="two surveys of the whole volume", found=what, remedy="compare the two results")
+        what = message("axis-not-travelled")
+        raise UsageError("--as-left", expected=message("whole-volume-twice"), found=what, remedy=message("compare-two"))
     rms, predicted = again.reach.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}

@@ -10,7 +10,6 @@ from stepdiag.daq.records.survey_folder import CONCLUSION, READINGS, RESULT
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
-from stepdiag.report.logs import logs_beside
 from stepdiag.report.output import write_report
 
 
@@ -22,9 +21,13 @@ def write_completed_report(done: Completed) -> Path:
     correction = next((one.correction for one in exported if one.correction is not None), None)
     write_once(done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction)))
     report = build_report(
-        done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion, language=done.language,
-        logs=logs_beside(done.recorded),
-    )  # fmt: skip
+        done.result,
+        source=RESULT,
+        exported=exported,
+        readings=readings,
+        conclusion=conclusion,
+        language=done.language,
+    )
     return write_report(report, done.folder / "report.html")[0]
 
 

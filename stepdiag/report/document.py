@@ -9,10 +9,11 @@ from importlib.resources import files
 
 import jinja2
 
+from stepdiag.base.conformity import together
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.members import StandardFigures
 from stepdiag.base.result.result import Result
-from stepdiag.conclusion import STATES, Conclusion, conclude, conclusion_document, titles_of, words_of
+from stepdiag.conclusion import STATES, Conclusion, Sentence, conclude, conclusion_document, render, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.drawings.figure import Figure, data_link
@@ -23,7 +24,6 @@ from stepdiag.report.drawings.figures import (
 )
 from stepdiag.report.exported import Exported
 from stepdiag.report.laboratory import Laboratory
-from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
@@ -51,14 +51,12 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     conclusion: Conclusion | None = None,
     letterhead: Letterhead | None = None,
     left: AsLeft | None = None,
-    logs: Sequence[Recorded] = (),
     laboratory: Laboratory | None = None,
     sha256: str = "",
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on, ``laboratory`` is who
-    hands it over: the number of the certificate on every page, and who signs. ``sha256`` is that
-    of the result's file, by default of the result as it is written today.
+    """Return the report of a result; ``source`` names the result file in it, ``laboratory`` is who hands it over: the number of the
+    certificate on every page, and who signs. ``sha256`` is that of the result's file, by default of the result as it is written today.
 
     With the readings it also shows what was measured. The prediction is drawn for the first export
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
@@ -95,13 +93,13 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "assumptions": sections.assumptions_table(result, words, language),
         "slips": sections.slips_table(result, words),
         "history": sections.history_table(result, words, language),
-        "recordings": logs_table(logs, words),
+        "recordings": sections.recordings_table(result, words),
     }
     html = template("template.html").render(
         **page_parts(number), number=number, digest=digest,
         **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        concluded=_each_once(words_of(conclusion_document(known), language), language), titles=titles_of(language),
+        concluded=_with_left(words_of(conclusion_document(known), language), left, language), titles=titles_of(language),
         predicted=correction is not None, chi=sections.chi_square_words(result, words),
         letterhead=letterhead or Letterhead(), left=left,
     )  # fmt: skip
@@ -112,6 +110,16 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
     """Return the conclusion without the verdicts about single figures, which stand in the table above it."""
     firsts = tuple(catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES)
     return {**concluded, "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)]}
+
+
+def _with_left(concluded: dict[str, list[str]], left: AsLeft | None, language: Language) -> dict[str, list[str]]:
+    """Return the conclusion with the verdict as left; what was to be loaded is loaded then, and is not in it."""
+    concluded = _each_once(concluded, language)
+    if left is None:
+        return concluded
+    verdict = Sentence(key=f"verdict_{together(one.verdict for one in left.judged)}")
+    again = [render(Sentence(key="verdict_as_left", arguments={"verdict": verdict}), language)] if left.judged else []
+    return {**concluded, "verdict": [*concluded["verdict"], *again], "load": [], "next_step": []}
 
 
 def localised_document(html: str, language: Language) -> str:

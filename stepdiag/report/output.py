@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.files import refuse_file_name, write_atomically, write_together
+from stepdiag.base.messages import message
 from stepdiag.report.document import Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -23,7 +24,8 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     asked for and no chromium is there or it fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
-        return [_printed(report, out)]
+        write_atomically(out, printed(report.html.encode()))
+        return [out]
     alone = out.suffix.lower() in {".html", ".htm"}
     if not alone:
         refuse_file_name(out, "FILE.html, FILE.pdf, or a folder")
@@ -35,13 +37,12 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     return [*files, *([print_pdf(document)] if pdf else [])]
 
 
-def _printed(report: Report, out: Path) -> Path:
-    """Write the PDF alone; the document that is printed goes again."""
+def printed(html: bytes) -> bytes:
+    """Return the PDF of an HTML file; no file stays. Raises DeviceError as `print_pdf` does."""
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
         document = Path(folder) / "report.html"
-        document.write_bytes(report.html.encode())
-        write_atomically(out, print_pdf(document).read_bytes())
-    return out
+        document.write_bytes(html)
+        return print_pdf(document).read_bytes()
 
 
 def browser() -> str | None:
@@ -53,9 +54,7 @@ def print_pdf(document: Path) -> Path:
     """Print an HTML file to the PDF beside it, offline, in a profile of its own; return its path."""
     program = browser()
     if program is None:
-        raise DeviceError(
-            "--pdf", expected="chromium", found="none on this machine", remedy="install chromium, or print the HTML from any browser"
-        )
+        raise DeviceError("--pdf", expected="chromium", found=message("none"), remedy=message("print-from-browser"))
     target = document.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as profile:
         draft = Path(profile) / "report.pdf"
@@ -64,12 +63,15 @@ def print_pdf(document: Path) -> Path:
             done = subprocess.run(command, capture_output=True, timeout=PRINT_TIMEOUT_S, check=False)
         except subprocess.TimeoutExpired as why:
             raise DeviceError(
-                program, expected=f"a PDF within {PRINT_TIMEOUT_S:.0f} s", found="none", remedy="print the HTML from any browser"
+                program,
+                expected=message("pdf-within", seconds_s=PRINT_TIMEOUT_S),
+                found=message("none"),
+                remedy=message("print-from-browser"),
             ) from why
         if not draft.is_file():
             lines = done.stderr.decode(errors="replace").strip().splitlines()
-            found = lines[-1] if lines else f"exit code {done.returncode}"
-            raise DeviceError(program, expected="a PDF", found=found, remedy="print the HTML from any browser")
+            found = lines[-1] if lines else message("exit-code", code=done.returncode)
+            raise DeviceError(program, expected=message("a-pdf"), found=found, remedy=message("print-from-browser"))
         write_atomically(target, draft.read_bytes())
     return target
 

@@ -303,6 +303,15 @@ def history_table(result: Result, words: Mapping[str, str], language: Language) 
     return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
 
 
+def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
+    """Return the files that the result was solved from, each with the SHA-256 of what it says; None for a result that names none.
+
+    A log that was packed since is the same log, and the report stays the same.
+    """
+    rows = [(one.name, one.sha256) for one in result.sources or ()]
+    return Table(header=(words["file"], "SHA-256"), rows=rows) if rows else None
+
+
 def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return how large a slip of the count may be without being noticed, where the result says it (``unseen_slip``)."""
     rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in result.unseen_slip or ()]
@@ -321,7 +330,10 @@ def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, s
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
         largest = sorted(sources.items(), key=lambda item: (-item[1], item[0]))[:3]
-        named = [f"{source_words(source, words)} {100.0 * share**2 / total:.0f} %" if total else shown(None) for source, share in largest]
+        named = [
+            f"{source_words(source, words)} {100.0 * share**2 / total:.0f}\N{NO-BREAK SPACE}%" if total else shown(None)
+            for source, share in largest
+        ]
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
         title = quantity_words(quantity, words)
         expanded = COVERAGE * total**0.5

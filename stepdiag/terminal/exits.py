@@ -48,8 +48,8 @@ def failed_writing_shown() -> Iterator[None]:
         _close_output()
         letters = error.object[error.start : error.end]
         raise UsageError(
-            "the terminal", expected=f"an encoding that has {letters[:20]!a}", found=error.encoding,
-            remedy="set PYTHONUTF8=1, or LC_ALL=C.UTF-8",
+            message("the-terminal"), expected=message("encoding-with", letters=ascii(letters[:20])), found=error.encoding,
+            remedy=message("set-utf-8"),
         ) from error  # fmt: skip
     except OSError as error:
         if isinstance(error, StepdiagError):
@@ -57,7 +57,9 @@ def failed_writing_shown() -> Iterator[None]:
         if error.filename is None:
             _close_output()
         raise UsageError(
-            str(error.filename or "the output"), expected="a place that can be read and written", found=system_words(error)
+            str(error.filename) if error.filename else message("the-output"),
+            expected=message("readable-and-writable"),
+            found=system_words(error),
         ) from error
 
 

@@ -6,50 +6,50 @@ from math import isfinite
 from rich.table import Table
 
 from stepdiag.base.conformity import COVERAGE
+from stepdiag.base.messages import Message, Words, joined, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Advice, Forecast
+from stepdiag.terminal.viewer import empty_table, shown
 
-_ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
+_ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solved")}
 
 
-def in_words(forecast: Forecast) -> str:
+def in_words(forecast: Forecast) -> Words:
     """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
     runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
     hours, minutes = divmod(round(forecast.minutes), 60)
-    return (
-        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} µm "
-        f"(rms over the volume, k = 2), {forecast.left_um.best()} µm most probably; angular errors {_ANGLES[forecast.angles]}"
-        f"{_slips(forecast.ahead)}"
-    )
+    about = message(
+        "forecast", runs=runs, hours=hours, minutes=f"{minutes:02d}", left=forecast.left_um.words(), best=forecast.left_um.best(),
+        angles=_ANGLES[forecast.angles],
+    )  # fmt: skip
+    return joined([about, *_slips(forecast.ahead)])
 
 
-def _slips(ahead: Foresight) -> str:
-    """Return how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
-    if ahead.unseen is None:
-        return ""
-    sure = f", one of {ahead.unseen.nearly_um:.2g} µm is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
-    return f"; {ahead.hides()}{sure}"
+def _slips(ahead: Foresight) -> Iterator[Words]:
+    """Yield how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
+    if ahead.unseen is not None:
+        sure = isfinite(ahead.unseen.u_um)
+        yield message("noticed-from", what=ahead.hides(), nearly_um=ahead.unseen.nearly_um) if sure else ahead.hides()
 
 
 def forecast_table(forecast: Forecast) -> Table:
     """Return the expanded uncertainty of every quantity; a quantity that the survey does not identify is named as such."""
-    table = Table(title="forecast: U (k = 2)")
-    for column in ("quantity", "X", "Y", "Z", "unit"):
-        table.add_column(column, justify="left" if column in {"quantity", "unit"} else "right")
-    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "µm"), ("scale", AXIS_LETTERS, "µm/m")):
-        table.add_row(word, *(_u(forecast, name) for name in names), unit)
+    table = empty_table(message("table-forecast"))
+    rows = ((message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"), (message("row-scale"), AXIS_LETTERS, "µm/m"))
+    for word, names, unit in rows:
+        table.add_row(shown(word), *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
         cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
-        table.add_row(f"straightness in {component}", *cells, "µm")
-    for component, word in zip("ABC", "XYZ", strict=True):
-        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "µrad")
+        table.add_row(shown(message("row-straightness", axis=component)), *cells, "µm")
+    for component, about in zip("ABC", "XYZ", strict=True):
+        table.add_row(shown(message("row-rotation", axis=about)), *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "µrad")
     table.add_section()
-    for name, pair in zip(SQUARENESS, ("Y to X", "Z to X", "Z to Y"), strict=True):
-        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "µrad")
-    table.caption = "-: the survey does not identify it" + _resolved(forecast)
+    for name, pair in zip(SQUARENESS, ("YX", "ZX", "ZY"), strict=True):
+        table.add_row(shown(message("row-squareness", name=name, one=pair[0], other=pair[1])), _u(forecast, name), "", "", "µrad")
+    table.caption = shown(message("forecast-caption", what=_resolved(forecast)))
     return table
 
 
@@ -58,43 +58,46 @@ def _u(forecast: Forecast, name: str) -> str:
     return "-" if u is None else f"{COVERAGE * u:.2f}"
 
 
-def _resolved(forecast: Forecast) -> str:
+def _resolved(forecast: Forecast) -> Message:
     if forecast.resolves_all:
-        return "; all 18 functions could be solved from the laser's readings alone"
-    return f"; {len(forecast.resolved)} of {len((*DISPLACEMENTS, *ROTATIONS))} functions could be solved without assuming the angular ones"
+        return message("resolves-all")
+    return message("resolves-some", count=len(forecast.resolved), of=len((*DISPLACEMENTS, *ROTATIONS)))
 
 
 def front_table(advice: Advice) -> Table:
     """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
-    table = Table(title="what is worth its time (µm: left by an ideal compensation, rms over the volume)")
-    for column in ("min", "µm", "lines"):
-        table.add_column(column, justify="left" if column == "lines" else "right")
+    table = empty_table(message("table-front"))
     for each in advice.front:
-        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), lines_in_words(each.plan))
-    table.caption = "; ".join((*_floor(advice), *_head(advice)))
+        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), shown(lines_in_words(each.plan)))
+    table.caption = shown(joined([*_floor(advice), *_head(advice)]))
     return table
 
 
-def _floor(advice: Advice) -> Iterator[str]:
+def _floor(advice: Advice) -> Iterator[Message]:
     if floor_um := advice.forecast.ahead.of.floor_um:
-        yield f"tables of one axis each leave {floor_um:.2g} um whatever is driven"
+        yield message("tables-leave", floor_um=floor_um)
 
 
-def _head(advice: Advice) -> Iterator[str]:
+def _head(advice: Advice) -> Iterator[Message]:
     if (more := advice.with_head) is not None:
         chosen = advice.best or advice.forecast
         minutes, left = more.minutes - chosen.minutes, chosen.left_um.best()
-        yield f"a 4-DOF head along each axis: {left} -> {more.left_um.best()} µm, {minutes:.0f} min more"
+        yield message("head-leaves", before=left, after=more.left_um.best(), minutes=minutes)
 
 
-def lines_in_words(plan: Plan) -> str:
+def lines_in_words(plan: Plan) -> Message:
     """Return what a plan drives: its setups with their shifts, and how."""
     lines = ", ".join(_line(run) for run in plan.runs)
-    orders = next((f" in the orders {' '.join(run.axis_orders)}" for run in plan.runs if run.axis_orders), "")
+    orders = next((run.axis_orders for run in plan.runs if run.axis_orders), ())
     first = plan.runs[0]
-    ways = "out and back" if first.return_pass else "one way"
-    times = f"{first.repeats} times {ways}" if first.repeats > 1 else ways
-    return f"{lines}; {plan.volume.increments} increments, {times}{orders}"
+    ways = message("out-and-back" if first.return_pass else "one-way")
+    times = message("times-driven", count=first.repeats, ways=ways) if first.repeats > 1 else ways
+    return message(
+        "lines-driven",
+        lines=lines,
+        increments=plan.volume.increments,
+        times=message("in-orders", times=times, names=orders) if orders else times,
+    )
 
 
 def _line(run: Run) -> str:

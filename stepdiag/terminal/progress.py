@@ -4,21 +4,24 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from stepdiag.base.messages import Message
+from stepdiag.terminal.viewer import shown
+
 Item = TypeVar("Item")
 
 
 @contextmanager
-def working(doing: str) -> Iterator[None]:
+def working(doing: Message) -> Iterator[None]:
     """Show what is being done, and that it goes on, until the block ends."""
     from rich.console import Console
 
-    with Console(stderr=True).status(doing):
+    with Console(stderr=True).status(shown(doing)):
         yield
 
 
-def counted(items: Iterable[Item], doing: str, total: int) -> Iterator[Item]:
+def counted(items: Iterable[Item], doing: Message, total: int) -> Iterator[Item]:
     """Yield the items while a bar shows how many of ``total`` are done."""
     from rich.console import Console
     from rich.progress import track
 
-    yield from track(items, description=doing, total=total, console=Console(stderr=True), transient=True)
+    yield from track(items, description=shown(doing), total=total, console=Console(stderr=True), transient=True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from rich.console import Console
@@ -16,27 +15,12 @@ from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.terminal.printable import printable
-from stepdiag.terminal.viewer import shown
+from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 MARKS: dict[Severity, Message] = {"error": message("mark-error"), "warning": message("mark-warning"), "info": message("mark-note")}
 
-
-Column = Literal[
-    "", "column-function", "column-range", "column-end", "column-largest-expanded", "column-unit", "column-identified",
-    "column-quantity", "column-value", "column-expanded", "column-setup", "column-tilt", "column-repeatability", "column-residual",
-    "column-before", "column-after",
-]  # fmt: skip
-_VALUES: tuple[Column, ...] = ("column-range", "column-end", "column-largest-expanded")
 _PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
-
-
-def _table(title: Message, columns: Sequence[Column], right: Sequence[Column]) -> Table:
-    """Return an empty table; ``right`` are the columns of figures."""
-    table = Table(title=shown(title))
-    for column in columns:
-        table.add_column(shown(message(column)) if column else "", justify="right" if column in right else "left")
-    return table
 
 
 def result_table(result: Result, out: Path | None) -> None:
@@ -58,7 +42,7 @@ def result_table(result: Result, out: Path | None) -> None:
 
 def function_table(result: Result) -> Table:
     """Return one row a function: range of its shape (end-point line removed), value at its end, largest uncertainty, what is known."""
-    table = _table(message("table-functions"), ("column-function", *_VALUES, "column-unit", "column-identified"), right=_VALUES)
+    table = empty_table(message("table-functions"))
     for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
         function = result.errors[name]
         table.add_row(name, *_function_row(name, function), style="" if function.value is not None else "dim")
@@ -80,8 +64,7 @@ def _function_row(name: str, function: Function) -> tuple[str, str, str, str, st
 
 def quantity_table(result: Result) -> Table:
     """Return one row a squareness and a scale, with expanded uncertainty."""
-    right: tuple[Column, ...] = ("column-value", "column-expanded")
-    table = _table(message("table-quantities"), ("column-quantity", *right, "column-unit", "column-identified"), right=right)
+    table = empty_table(message("table-quantities"))
     numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
     numbers += [(shown(message("scale-name", axis=axis)), scale.value, scale.u, UNITS[scale.unit]) for axis, scale in result.scale.items()]
     for name, value, u, unit in numbers:
@@ -94,8 +77,7 @@ def quantity_table(result: Result) -> Table:
 
 def setup_table(result: Result) -> Table:
     """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
-    right: tuple[Column, ...] = ("column-tilt", "column-repeatability", "column-residual")
-    table = _table(message("table-setups"), ("column-setup", *right), right=right)
+    table = empty_table(message("table-setups"))
     for name, facts in result.setups.items():
         table.add_row(Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)))
     return table
@@ -110,8 +92,7 @@ def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
 def effect_table(prediction: Prediction) -> Table:
     """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
     what = message("effect-of-volume") if prediction.drawn.volume.solid else message("effect-of-axes")
-    right: tuple[Column, ...] = ("column-before", "column-after")
-    table = _table(message("table-effect", what=what), ("", *right), right=right)
+    table = empty_table(message("table-effect", what=what))
     for name, figures in prediction.predicted.parts().items():
         table.add_row(shown(message("effect-largest", part=_PARTS[name])), *(shown(each.largest_um.bound()) for each in figures.values()))
         table.add_row(shown(message("effect-rms", part=_PARTS[name])), *(shown(each.rms_um.words()) for each in figures.values()))

@@ -1,10 +1,15 @@
 """The language of who reads a terminal, and what is shown there in it."""
 
 import os
+from typing import TYPE_CHECKING
 
-from stepdiag.base.messages import Words, rendered
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Message, Words, rendered
 from stepdiag.terminal.printable import printable
 from stepdiag.texts.texts import LANGUAGES, Language
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def viewers_language() -> Language:
@@ -13,6 +18,32 @@ def viewers_language() -> Language:
     return next((language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language), "en")
 
 
+def language_named(wanted: str) -> Language:
+    """Return the language of an option. Raises UsageError for one without texts."""
+    chosen = next((known for known in LANGUAGES if known == wanted), None)
+    if chosen is None:
+        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
+    return chosen
+
+
+def print_words(words: Words, *, err: bool = False) -> None:
+    """Print a message in the language of its reader."""
+    import typer
+
+    typer.echo(shown(words), err=err)
+
+
 def shown(words: Words) -> str:
     """Return a message as the terminal shows it to its reader."""
     return printable(rendered(words, viewers_language()))
+
+
+def empty_table(about: Message) -> "Table":
+    """Return a table without rows; ``about`` is its title and its columns with | between them, < before a column of words."""
+    from rich.table import Table
+
+    title, *columns = shown(about).split("|")
+    table = Table(title=title or None)
+    for column in columns:
+        table.add_column(column.removeprefix("<"), justify="left" if column.startswith("<") else "right")
+    return table

@@ -29,6 +29,12 @@ def catalogue(section: str, language: Language) -> dict[str, str]:
     return {key: words[language] for key, words in _entries()[section].items()}
 
 
+def help_texts(language: Language) -> dict[str, dict[str, str]]:
+    """Return command -> option -> help; the option "" is the command itself, the command "*" what several commands have."""
+    tables = tomllib.loads(files("stepdiag.texts").joinpath("help.toml").read_text(encoding="utf-8"))
+    return {command: {option: words[language] for option, words in options.items()} for command, options in tables.items()}
+
+
 def localised(text: str, language: Language) -> str:
     """Return a text with its numbers as the language writes them: a decimal comma in German."""
     return _POINT.sub(r"\1,\2", text) if language == "de" else text

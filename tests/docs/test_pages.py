@@ -1,5 +1,7 @@
 """The documentation as it is read: its Python runs, its links lead somewhere, its tables say what the program has."""
 
+import ast
+import json
 import re
 import runpy
 import shutil
@@ -141,3 +143,21 @@ def test_no_page_gives_the_quick_look_a_step_of_its_own() -> None:
     """A step that is not of the survey costs up to a micrometre: the commands that people copy leave it to the program."""
     pages = [CHECKOUT / "README.md", *DOCS.rglob("*.md")]
     assert [page.name for page in pages if re.search(r"^    .*(--step-mm|step_mm=)", page.read_text(encoding="utf-8"), re.MULTILINE)] == []
+
+
+def test_the_notebook_runs_from_its_first_cell_to_its_last(beside_readings: Path) -> None:
+    """Cell by cell, as a kernel does: the value of a last expression is what the notebook shows."""
+    names: dict[str, object] = {}
+    shown = []
+    for cell in json.loads((DOCS / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        assert not cell["outputs"]
+        tree = ast.parse("".join(cell["source"]))
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, "notebook", "exec"), names)
+        if isinstance(last, ast.Expr):
+            shown.append(eval(compile(ast.Expression(last.value), "notebook", "eval"), names))
+    shapes = ["Series", "Result", "DataFrame", "Figure", "DataFrame", "tuple", "Figure", "int"]
+    assert [type(each).__name__ for each in shown] == shapes
+    assert shown[-1] == 0

@@ -7,7 +7,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from stepdiag.base.csv_table import read_table
@@ -34,7 +33,6 @@ from stepdiag.exporters.programs.signals import LONGEST_TEXT, Signals
 from stepdiag.exporters.tables import lattice
 from stepdiag.fourdof.commissioning import compare_curves, parse_curves
 from stepdiag.fourdof.record import read_head_csv
-from stepdiag.solver.fourdof.commissioning import Standstill, signs_and_lever
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.planning.circumstances import Circumstances
@@ -267,13 +265,6 @@ def test_curves_that_share_no_place_are_refused():
         compare_curves(parse_curves("position_mm,EYX_um\n50,1\n50,2\n", "theirs"), ours)
 
 
-@pytest.mark.parametrize("samples", [0, 1, 2])
-def test_a_wobble_of_hardly_a_sample_tells_no_sign(samples):
-    nothing = np.zeros(samples)
-    with pytest.raises(DataError, match="over 3 samples or more"):
-        signs_and_lever([Standstill(travel_mm=300.0, qd_um=nothing, psd1_urad=nothing, psd2_urad=nothing)])
-
-
 def test_a_clock_that_jumps_does_not_ask_for_an_interval_a_second():
     text = "time_s,qd_x,qd_y,qd_sum\n0,0,0,1\n1,0,0,1\n900000000000,0,0,1\n"
     with pytest.raises(DataError, match="samples in every 1 s"):
@@ -357,7 +348,7 @@ BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "d
 )
 def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_damage(topic, fields, change):
     assert decode(topic, json.dumps(fields).encode())
-    with pytest.raises(ValueError, match=r"no clock shows|answers to"):
+    with pytest.raises(ValueError, match=r"t_mono_ns cannot be|answers cannot be"):
         decode(topic, json.dumps({**fields, **change}).encode())
 
 
@@ -431,7 +422,7 @@ def test_a_posterior_whose_positions_do_not_rise_is_refused(position):
 
 @pytest.mark.parametrize("count", [0, 21])
 def test_a_curve_of_a_head_has_coefficients(count):
-    """One without any ended `fourdof signs` with a traceback."""
+    """One without any ended the command that read it with a traceback."""
     text, changed = re.subn("coefficients_um = .*", f"coefficients_um = {[1.0] * count}", HEAD, count=1)
     assert changed
     with pytest.raises(UsageError, match="coefficients_um"):

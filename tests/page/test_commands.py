@@ -13,7 +13,7 @@ from playwright.sync_api import Page, expect
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.daq.records.status import FindingStatus
+from stepdiag.daq.records.status import AheadStatus, FindingStatus
 from testkit.browser import Watched
 from testkit.played import Served, served
 
@@ -43,6 +43,30 @@ def unlock(page: Page) -> None:
     page.locator("#token").fill(TOKEN)
     page.locator("#unlock button").click()
     expect(page.locator("#orders")).to_be_visible()
+
+
+def test_a_further_setup_is_offered_between_two_passes_and_taken(page: Page, daemon: Served) -> None:
+    """What it brings stands in the card, in the viewer's language; a person with the token may take it, but none while a pass runs."""
+    line = message("ahead-shifted", setup="ppp", offset=[message("ahead-offset", size_mm=150.0, axis="z")])
+    words = message("ahead-next", line=line, now_um=2.2, then_um=0.9, minutes=33.0)
+    offer = AheadStatus(words=message("ahead-angles", angles_urad=30.0, what=words), setup="ppp+1", further=True)
+    daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
+    expect(page.locator("#ahead")).to_have_text(
+        "Angles of about 30 µrad. Next: ppp on a line shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
+    )
+    page.locator("#language").click()
+    expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")
+    page.locator("#language").click()
+    unlock(page)
+    daemon.do(lambda: daemon.survey.publish(recording=True))
+    expect(page.locator("#take")).to_be_hidden()
+    daemon.do(lambda: daemon.survey.publish(recording=False))
+    page.locator("#take").click()
+    expect(page.locator("#answer")).to_have_text("Done.")
+    assert daemon.do(lambda: list(daemon.survey.ordered)) == [("take", {})]
+    daemon.do(lambda: daemon.survey.publish(ahead=AheadStatus()))
+    expect(page.locator("#take")).to_be_hidden()
+    expect(page.locator("#ahead")).to_be_empty()
 
 
 def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:

@@ -10,7 +10,8 @@ import coverage
 import pytest
 
 QUICK = [
-    "-q", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile", "mutants", "-m", "not system and not page and not control",
+    "-q", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile", "mutants",
+    "-m", "not system and not page and not control and not partner",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",  # hypothesis is there before pytest asks for it
 ]  # fmt: skip
 

@@ -153,34 +153,11 @@ def mounts():
     }
 
 
-def _wobble(travel, sign1=1, sign2=1, noise=0.8, count=30, gain=1.0, size=60.0):
-    swing = size * np.sin(np.linspace(0, 9, count))
-    lever = 350.0 + travel
-    return {
-        "travel_mm": travel,
-        "qd_um": short(2e-3 * lever * swing + RNG.normal(0, noise, count), 4),
-        "psd1_urad": short(sign1 * swing + RNG.normal(0, noise, count) + 3.0, 4),
-        "psd2_urad": short(-gain * sign2 * swing + RNG.normal(0, noise, count), 4),
-    }
-
-
 def commissioning():
-    """Return wobbles at several distances, with every sign, too small ones and contradicting ones; levers; curves of detectors."""
+    """Return curves of detectors."""
     reading = np.linspace(-0.8, 0.8, 17)
     shift = 900.0 * reading + 60.0 * reading**3 + RNG.normal(0, 0.5, 17)
     return {
-        "wobbles": [
-            [_wobble(0.0), _wobble(1000.0)], [_wobble(200.0, -1, 1), _wobble(800.0, -1, 1), _wobble(1500.0, -1, 1)], [_wobble(500.0, 1, -1)],
-            [_wobble(0.0, -1, -1, gain=1.2), _wobble(2000.0, -1, -1, gain=1.2)], [_wobble(0.0), _wobble(1000.0, -1)],
-            [_wobble(0.0), _wobble(1000.0, 1, -1)], [_wobble(300.0, size=0.5)], [_wobble(300.0, count=2)], [_wobble(300.0, count=3, noise=0.01)],
-            [_wobble(0.0), {**_wobble(1000.0), "qd_um": short(1.3 * np.array(_wobble(1000.0)["qd_um"]), 4)}],
-            [_wobble(300.0) | {"psd1_urad": [1.0] * 30}], [_wobble(300.0) | {"psd2_urad": [1.0] * 30}],
-        ],
-        "levers": [
-            {"travel_mm": [0.0, 500.0, 1200.0], "lever_mm": [351.0, 853.0, 1549.0], "u_lever_mm": [1.0, 2.0, 4.0]},
-            {"travel_mm": [400.0, 400.0], "lever_mm": [751.0, 748.0], "u_lever_mm": [1.0, 2.0]},
-            {"travel_mm": [0.0, 1000.0], "lever_mm": [350.0, 1351.0], "u_lever_mm": [0.0, 0.0]},
-        ],
         "curves": [
             {"reading": short(reading), "shift_um": short(shift), "degree": 3, "u_reference_um": 0.3},
             {"reading": short(reading), "shift_um": short(-shift), "kind": "erf", "degree": 5},
@@ -285,7 +262,7 @@ FIGURES = {
     "lines": ("reference lines of straightness", "lines", lines),
     "head": ("a 4-DOF head with every crosstalk", "head", head),
     "mounts": ("a head's run as errors of the axis", "mounts", mounts),
-    "commissioning": ("signs, levers and curves of a head", "commissioning", commissioning),
+    "commissioning": ("curves of a head's detectors", "commissioning", commissioning),
     "drifts": ("pointing freed of its noise", "drifts", drifts),
     "statistics": ("stability and comparison of a head", "statistics", statistics),
     "intervals": ("figures as they are written", "intervals", intervals),

@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.formats.framing.frames import Frames
 
 ByteOrder = Literal["little", "big"]
@@ -41,20 +43,24 @@ class Place:
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
     """Return the places by name and where the last one ends. ``texts`` are such as ``position i32`` or ``skip 2``, the first at ``start``.
 
-    Raises ValueError with what is wrong, in words.
+    Raises UsageError that names what is wrong.
     """
     places: dict[str, Place] = {}
     at = start
     for text in texts:
         found = _FIELD.match(text)
         if found is None or found["name"] not in NAMES or (found["name"] == "skip") != (found["count"] is not None):
-            raise ValueError(f"{text!r}: a name ({', '.join(NAMES[:-1])}) and u8 to u64, i8 to i64, f32 or f64; or skip and how many bytes")
+            raise _refused(message("layout-field", text=text, names=NAMES[:-1]))
         size = int(found["count"] or int(found["bits"]) // 8)
         if found["kind"] == "f" and size not in (4, 8):
-            raise ValueError(f"{text!r}: a real number has 32 or 64 bits")
+            raise _refused(message("layout-real", text=text))
         if found["name"] in places:
-            raise ValueError(f"{text!r}: {found['name']} stands there twice")
+            raise _refused(message("layout-twice", text=text, name=found["name"]))
         if found["name"] != "skip":
             places[found["name"]] = Place(at, size, found["kind"])
         at += size
     return places, at
+
+
+def _refused(why: Message) -> UsageError:
+    return UsageError("survey: laser.frames.layout", expected=message("fields-such-as"), found=why)

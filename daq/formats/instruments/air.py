@@ -49,10 +49,9 @@ class AirSettings:
 
     def __post_init__(self) -> None:
         groups = line_pattern(self.pattern, "survey: environment.sensor.pattern").groupindex
-        wanted = "a named group such as (?P<air_temperature_c>...)"
-        require(bool(groups), "environment.sensor.pattern", wanted, self.pattern)
+        require(bool(groups), "environment.sensor.pattern", message("named-group", group="(?P<air_temperature_c>...)"), self.pattern)
         require(set(groups) <= set(MEASURED), "environment.sensor.pattern", message("no-other-groups", names=MEASURED), sorted(groups))
-        require((self.request + self.greeting).isascii(), "environment.sensor.request", "plain ASCII", self.request)
+        require((self.request + self.greeting).isascii(), "environment.sensor.request", message("plain-ascii"), self.request)
 
 
 @cache

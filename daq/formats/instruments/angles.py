@@ -1,8 +1,9 @@
-"""Instruments that tell angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and what is described like them.
+"""Instruments of angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and what is described like them.
 
-Elcomat 3000: single letters are commands; `A` begins a stream of absolute readings, each `type status x y` in arc-seconds up to a CR. Types
-1 and 2 are relative, 3 and 4 absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3 for both
-(dls-controls/elcomat3000 @5b459ca). Only readings of the absolute stream count: a relative one has another origin and nobody could tell.
+Elcomat 3000: a command is one letter and a LF; `s` ends a stream, `A` begins one of absolute readings, each `type status x y` in
+arc-seconds up to a CR. Types 1 and 2 are relative, 3 and 4 absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3
+for both, and a longer status may follow; a number is what C's strtod reads (dls-controls/elcomat3000 @5b459ca, elcomat3000.cpp lines 47,
+164, 209, 330 to 361). Only readings of the absolute stream count: a relative one has another origin.
 Wyler: asked by `P`; the second field of the answer is the angle, the fourth another quantity (CERN's use of the Zerotronic; only facts
 of it are known, so a pattern and the unit may stand in the survey file).
 """
@@ -22,8 +23,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 AngleUnit = Literal["arcsec", "urad", "mrad", "deg"]
 URAD = {"arcsec": math.pi / 180 / 3600 * 1e6, "urad": 1.0, "mrad": 1e3, "deg": math.pi / 180 * 1e6}
-NUMBER = r"[-+]?[0-9]+(?:\.[0-9]*)?"
-ELCOMAT = rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,2})?"
+ELCOMAT = rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])[0-9]*\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+ELCOMAT_GREETING = "s\nA\n"
 WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
@@ -51,7 +53,7 @@ class AnglesSettings:
         require("first" in groups, "head.angles.pattern", message("named-group", group="(?P<first>...)"), self.pattern)
         require(set(groups) <= set(GROUPS), "head.angles.pattern", message("no-other-groups", names=GROUPS), sorted(groups))
         require(0 < self.poll_hz <= 100, "head.angles.poll_hz", message("number-up-to", most=100), self.poll_hz)
-        require((self.request + self.greeting).isascii(), "head.angles.request", "plain ASCII", self.request)
+        require((self.request + self.greeting).isascii(), "head.angles.request", message("plain-ascii"), self.request)
 
 
 class AnglesDecoder:

@@ -49,10 +49,7 @@ class FramesSettings:
 
     def __post_init__(self) -> None:
         require(0 < len(self.sync_bytes) <= 16, "laser.frames.sync", message("sync-bytes"), self.sync)
-        try:
-            places, _ = read_layout(self.layout, len(self.sync_bytes))
-        except ValueError as error:
-            require(False, "laser.frames.layout", message("fields-such-as"), str(error))
+        places, _ = read_layout(self.layout, len(self.sync_bytes))
         require("position" in places, "laser.frames.layout", message("field-position"), list(self.layout))
         require(self.size <= LARGEST_FRAME, "laser.frames.layout", message("frames-at-most", count=LARGEST_FRAME), self.size)
         require(self.checksum in CHECKSUMS, "laser.frames.checksum", message("one-of", names=list(CHECKSUMS)), self.checksum)

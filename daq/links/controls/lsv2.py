@@ -4,7 +4,9 @@ What the NC program hands to the PLC by FN 19 lies in the PLC's memory as double
 which the library's safe mode shuts out together with what writes; nothing here calls anything but reading.
 """
 
+import errno
 import logging
+import os
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -99,7 +101,7 @@ class _Line:
         """Return what there is. Raises ConnectionResetError at the end of the connection, ValueError for an answer without end."""
         data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
-            raise ConnectionResetError("closed by the other end")
+            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
         self.answered += len(data)
         if self.answered > _LARGEST_ANSWER:
             raise ValueError(f"an answer of more than {_LARGEST_ANSWER} bytes")

@@ -18,6 +18,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from stepdiag.base.errors import system_words
 from stepdiag.base.messages import message
 from stepdiag.daq.links.controls.blocking import Waiter
 from stepdiag.daq.links.controls.blocking import unreachable as no_way
@@ -206,7 +207,7 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
         connected = await client.connect()
     except (OSError, termios.error) as error:
         client.close()
-        raise unusable(settings.address, str(error)) from error
+        raise unusable(settings.address, system_words(error)) from error
     if not connected:
         client.close()
         raise await _nobody(settings)

@@ -48,6 +48,14 @@ def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
     return (host, port) if 0 < port < 65536 and can_be_host(host) else None
 
 
+def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str, int]:
+    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option`` for anything else."""
+    found = host_and_port(text, usual_port)
+    if found is None:
+        raise UsageError(option, expected=message("host-forms"), found=repr(text))
+    return found
+
+
 def can_be_host(name: str) -> bool:
     """Tell whether a name can be looked up at all: every part of it between two dots has 1 to 63 letters.
 

@@ -42,7 +42,7 @@ def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
         return _agreed(settings, connection)
     except OSError as error:
         connection.close()
-        raise _no_rfc2217(settings.port, message("found-connection-ended", why=str(error))) from error
+        raise _no_rfc2217(settings.port, message("found-connection-ended", why=system_words(error))) from error
     except DeviceError:
         connection.close()
         raise
@@ -70,7 +70,7 @@ class NetworkPort:
         except BlockingIOError:
             return b""
         if not data:
-            raise OSError("the other end closed the connection")
+            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
         return data
 
     def write(self, data: bytes) -> None:
@@ -138,7 +138,7 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
             raise _no_rfc2217(settings.port, _heard(codec, other))
         data = connection.recv(LARGEST_READ)
         if not data:
-            raise OSError("closed by the other end")
+            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
         other = (other + codec.feed(data))[:_SHOWN]
         if answer := codec.answers():
             connection.sendall(answer)

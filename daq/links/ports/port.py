@@ -8,8 +8,8 @@ import select
 import threading
 import time
 
-from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import message
+from stepdiag.base.errors import DeviceError, system_words
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.links.ports.device import Device, LossKind, SerialSettings
 from stepdiag.daq.links.ports.network import open_network
@@ -66,7 +66,7 @@ class OpenPort:
         try:
             self._device.write(data)
         except OSError as error:
-            raise _loss(self.name, str(error)) from error
+            raise _loss(self.name, system_words(error)) from error
 
     def pause(self, seconds: float) -> None:
         """Wait, but not beyond the release of the port, nor where somebody is in a hurry."""
@@ -103,7 +103,7 @@ class OpenPort:
         try:
             data = self._device.read(ready=ready)
         except OSError as error:
-            raise _loss(self.name, str(error)) from error
+            raise _loss(self.name, system_words(error)) from error
         if data:
             self.last_byte_s = time.monotonic()
         return data
@@ -121,7 +121,7 @@ def _open(settings: SerialSettings) -> Device:
     return Tty(settings) if line is None else open_network(settings, line)
 
 
-def _loss(name: str, why: str) -> DeviceError:
+def _loss(name: str, why: Words) -> DeviceError:
     remedy = message("do-reconnects")
     return DeviceError(
         message("where-port", name=name), expected=message("expects-stays"), found=message("found-gone", why=why), remedy=remedy

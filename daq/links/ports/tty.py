@@ -9,8 +9,10 @@ import fcntl
 import os
 import struct
 import termios
+from pathlib import Path
 
 import serial
+from serial.tools import list_ports
 
 from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import message
@@ -24,6 +26,7 @@ _REMEDIES = {
 }
 
 
+BY_ID = Path("/dev/serial/by-id")
 TIOCGICOUNT = 0x545D
 """ioctl_tty(2); not in `termios`."""
 _COUNTS = struct.Struct("20i")
@@ -60,7 +63,7 @@ class Tty:
         """Return what there is. A line that was ready and gives nothing is none any more."""
         data = os.read(self._line, LARGEST_READ)
         if ready and not data:
-            raise OSError("it hung up")
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
         return data
 
     def write(self, data: bytes) -> None:
@@ -69,7 +72,7 @@ class Tty:
             self._serial.write(data)
             self._serial.flush()
         except termios.error as error:
-            raise OSError(str(error)) from error
+            raise OSError(*error.args) from error
 
     def lost(self) -> dict[LossKind, int]:
         """Return how often the driver counted each kind of loss since the port was opened; nothing where it does not count (a pty)."""
@@ -105,6 +108,17 @@ def _set_low_latency(port: serial.Serial) -> bool:
     return True
 
 
+def present_ports() -> dict[str, str]:
+    """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one, and what
+    its adapter calls itself.
+    """
+    stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
+    return {
+        stable.get(each.device, each.device): each.description if each.description != "n/a" else each.device
+        for each in list_ports.comports()
+    }
+
+
 def _refusal(name: str, error: Exception) -> DeviceError:
     if isinstance(error, termios.error):
         return DeviceError(
@@ -115,6 +129,8 @@ def _refusal(name: str, error: Exception) -> DeviceError:
         )
     code = error.errno if isinstance(error, OSError) else None
     remedy = _REMEDIES.get(code or 0, message("do-port-survey"))
+    if code == errno.ENOENT and (present := list(present_ports())):
+        remedy = message("do-other-port", ports=present)  # an adapter that was plugged in again may have another number
     return DeviceError(
         message("where-serial", name=name), expected=message("expects-opens"), found=system_words(code or error), remedy=remedy
     )

@@ -35,12 +35,17 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
 
     Angles that nobody measured count with what is expected of them, as they do in a lattice.
     """
-    curves = _folded([_curve(name, moved_um, axes_mm, result.volume) for name in FUNCTIONS])
+    parts = parts_of(moved_um, axes_mm, result.volume)
     # no profile enters a judgement of a lattice: the neutral control stands in
     stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
-    tables = (*curves, *_products(moved_um, result.volume))
+    tables = (*_folded([*parts[: len(FUNCTIONS)]]), *parts[len(FUNCTIONS) :])
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
+
+
+def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...]:
+    """Return what a lattice adds as tables: a curve for each of the nine functions in their order, then what grows with a lever."""
+    return (*(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS), *_products(moved_um, volume))
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:

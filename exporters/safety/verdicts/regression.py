@@ -156,3 +156,44 @@ def explain(
     if sized:  # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
         return Explained("scaled", max(sized, key=lambda fit: (round(abs(fit.alike), 6), -fit.left())))
     return Explained("unlike", min(own, key=lambda fit: fit.rest_um, default=None))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """The regression of what a laser measured on what several tables do: ``factor`` and ``u`` (k = 1) of each, shape (tables,).
+
+    ``weigh`` (rows, readings) brings readings to equal scatter ``sigma_um`` and takes out what is free beside the tables; ``values`` are
+    the measured ones so weighed.
+    """
+
+    factor: Vector
+    u: Vector
+    sigma_um: float
+    weigh: Vector
+    values: Vector
+
+    def misfit(self, predicted_um: Vector) -> float:
+        """Return twice the logarithm by which a prediction of the readings is less likely than a perfect one."""
+        rest = self.values - self.weigh @ predicted_um
+        return float(rest @ rest) / self.sigma_um**2
+
+
+LEAST_SCATTER_UM = 0.1
+"""No laser and no axis scatters by less; a fit of few readings can seem to."""
+
+
+def measured(values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector) -> Measured:
+    """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside them, and those ``held`` (N, H) within a
+    standard deviation of 1 each. ``scatter`` (N, N) is the covariance of the readings but for its size, which the rest shows."""
+    size_um = 1.0
+    for _ in range(3):  # the scatter sets how much the held columns count, and they change the scatter: it settles in two rounds
+        root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))
+        beside = np.linalg.qr(root @ free)[0]
+        weigh = root - beside @ (beside.T @ root)
+        values, columns = weigh @ values_um, weigh @ tables_um
+        spread = np.linalg.pinv(columns.T @ columns)
+        factor = spread @ (columns.T @ values)
+        rest = values - columns @ factor
+        degrees = max(len(values_um) - free.shape[1] - tables_um.shape[1], 1)
+        size_um = max(float(np.sqrt(rest @ rest / degrees)), LEAST_SCATTER_UM)
+    return Measured(factor=factor, u=size_um * np.sqrt(np.diag(spread)), sigma_um=size_um, weigh=weigh, values=values)

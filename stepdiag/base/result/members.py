@@ -71,6 +71,7 @@ class Facts:
     ended: OptionalText = ""
     temperature_note: OptionalText = ""
     event: OptionalText = ""
+    corrected: OptionalText = ""
     customer: OptionalText = ""
     machine_serial: OptionalText = ""
     instrument: OptionalText = ""

@@ -72,6 +72,31 @@ def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interv
     return Interval(value_um=value, low_um=low, high_um=high, within=None if most is None else float(np.mean(drawn <= most)))
 
 
+class ErrorAt(NamedTuple):
+    """The error vector (actual - commanded) at points and its combined standard uncertainty, shapes (N, 3) in um, relative to the low
+    corner of the volume, where every function is zero by definition. ``u_um`` is None where the result has no posterior."""
+
+    error_um: Vector
+    u_um: Vector | None
+
+
+def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
+    """Return the error of the tool at points (N, 3), rigid motion not removed.
+
+    ``u_um`` is the root mean square of all that the posterior lets the machine differ by: its offset, its modes with a mean square of one,
+    what differs value by value, and what is between two targets.
+    """
+    error_um = error_field_um(result, points_mm)
+    if result.posterior is None:
+        return ErrorAt(error_um, None)
+    amount = result.posterior.drawn(DRAWS)
+    moved = _moved(result, result.posterior, points_mm)
+    together = _together(amount)
+    square_um2 = moved[0] ** 2 + np.einsum("kl,kni,lni->ni", together, moved[1:], moved[1:], optimize=True)
+    beside_um2 = np.mean(arches_of(result, points_mm, FOR_LARGEST).square_um(slice(None)), axis=0)
+    return ErrorAt(error_um, np.sqrt(np.maximum(square_um2 + beside_um2, 0.0)))
+
+
 def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
     """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws, rigid motion removed, before and after a
     correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""

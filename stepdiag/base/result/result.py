@@ -41,7 +41,7 @@ from stepdiag.base.result.members import (
 from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
 from stepdiag.base.result.rounding import same_but_for_rounding, steady
 from stepdiag.base.result.typed import read, read_or_none, written
-from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
+from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume
 
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 3
@@ -156,6 +156,35 @@ class Result:
     """The largest magnitudes allowed, by quantity (`base.conformity`)."""
     conformity: Conformity | None = None
     source: str = "result"
+
+    def at(self, x_mm: float, y_mm: float, z_mm: float) -> tuple[Vector, Vector | None]:
+        """Return the error vector at a point of the machine and its expanded uncertainty U (k = 2), shapes (3,) in um.
+
+        Relative to the low corner of the volume (`base.result.prediction.errors_at`). U is None where the result has no posterior.
+        Raises UsageError for a point outside of the measured volume: the functions end there.
+        """
+        from stepdiag.base.result.prediction import errors_at
+
+        point = np.array([[x_mm, y_mm, z_mm]], dtype=np.float64)
+        low = np.asarray(self.volume.origin_mm)
+        high = low + np.asarray(self.volume.size_mm)
+        if not ((point >= low - POSITION_TOLERANCE_MM) & (point <= high + POSITION_TOLERANCE_MM)).all():
+            volume = f"{low.tolist()} to {high.tolist()}"
+            raise UsageError("at", expected=message("targets-within-mm", volume=volume), found=str(point[0].tolist()))
+        found_at = errors_at(self, point)
+        return found_at.error_um[0], None if found_at.u_um is None else 2.0 * found_at.u_um[0]
+
+    def _repr_html_(self) -> str:
+        """Return squareness, scale and volumetric error with U (k = 2) as a table for a notebook."""
+        numbers = [(name, one.value, one.u, one.unit) for part in (self.squareness, self.scale) for name, one in part.items()]
+        cells = [
+            (name, "" if v is None else f"{v:.2f}", "" if u is None else f"± {2 * u:.2f}", unit.replace("u", "µ", 1))
+            for name, v, u, unit in numbers
+        ]
+        for when, figures in () if self.predicted is None else self.predicted.without_rigid_motion.items():
+            cells.append((f"volumetric rms, {when}", figures.rms_um.best(), " to ".join(figures.rms_um.shown()), "µm"))
+        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in cells)
+        return f"<table><tr><th></th><th>value</th><th>U (k = 2)</th><th>unit</th></tr>{body}</table>"
 
     def to_json(self) -> str:
         """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to `DECIMALS`; same bytes for the same result."""

@@ -30,7 +30,7 @@ export function open(commandsExist) {
   place("read-only").hidden = true;
   lock();
   submit("unlock", () => unlock(place("token").value));
-  for (const name of ["start", "pause", "zero", "certificate"]) place(name).addEventListener("click", () => order(name));
+  for (const name of ["start", "pause", "zero", "certificate", "take"]) place(name).addEventListener("click", () => order(name));
   place("abort").addEventListener("click", abort);
   place("more").addEventListener("click", () => place("more-orders").showModal());
   submit("choose", () => order("choose-setup", { setup: place("choose-setup").value }));
@@ -49,6 +49,7 @@ export function update(snapshot) {
   latest = snapshot;
   place("pause").hidden = snapshot.phase === "paused";
   place("start").hidden = snapshot.phase !== "paused" && !snapshot.begins;
+  place("take").hidden = snapshot.recording || !snapshot.ahead.further;
   place("abort").disabled = !snapshot.recording;
   place("certificate").disabled = snapshot.phase !== "complete";
   for (const name of ["operator", "workpiece"]) {

@@ -49,7 +49,7 @@ function beep() {
 }
 
 export function update(snapshot) {
-  const { stage, alarm, lead, advice, watching, message, machine } = snapshot;
+  const { stage, alarm, lead, advice, watching, message, machine, ahead } = snapshot;
   alarmed = alarm;
   document.body.dataset.stage = stage;
   document.body.classList.toggle("alarm", alarm);
@@ -57,6 +57,7 @@ export function update(snapshot) {
   put("lead", words);
   const next = stage === "done" ? nextStep() : "";
   put("advice", next ? `${say("conclusion_next_step")}: ${next}` : sentence(mayOrder() ? advice : watching));
+  put("ahead", wordsOf(ahead.words));
   put("message", wordsOf(message));
   document.title = `${alarm ? `⚠ ${say("alarm_word")}: ` : ""}${words} – ${machine}`;
   stages(stage);

@@ -210,14 +210,14 @@ def test_wrong_laser_sign_is_named_at_the_first_step():
 
 
 def test_wrong_axis_order_is_named_by_position_and_without_it_by_the_step():
-    """The program moves y before x. With positions the place is no stop of the route; without, the step is one of another axis."""
+    """The program moves y before x: named once, at the third stop, with positions and without."""
     truth = diagonal("ppp")
     place = (0.0, 200.0 / 3, 0.0)
     size = (300.0**2 + 200.0**2 + 100.0**2) ** 0.5
     swapped = [truth[0], replace(truth[1], position=place, reading=200.0 / 3 * 200.0 / size), *truth[2:]]
-    assert "unexpected-position" in run(Timeline(swapped).events())[1]
+    assert run(Timeline(swapped).events())[1] == ["wrong-axis-order"]
     stops, codes, _ = run(Timeline(swapped).events(), text=survey_text(signals=STOPPED_ONLY))
-    assert "wrong-axis-order" in codes
+    assert codes.count("wrong-axis-order") == 1
     assert stops[1].refused
 
 

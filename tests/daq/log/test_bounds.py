@@ -40,7 +40,7 @@ def test_a_small_log_does_not_unpack_to_gigabytes(tmp_path: Path) -> None:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert "unpack to more than" in reader.damage
+    assert "chunks.uncompressed_size" in str(reader.damage)
     assert seen < 140
     assert peak < 200_000_000
 
@@ -49,7 +49,7 @@ def test_a_poll_has_no_more_ranges_than_signals() -> None:
     asked = tuple(ReadRange("holding", address, 1) for address in range(MOST_RANGES + 1))
     block = ModbusBlock(1_000, 2_000, asked, tuple(b"\0\0" for _ in asked))
     data = encode(LogClock(0), [(0, block)])
-    with pytest.raises(ValueError, match=f"a poll of {MOST_RANGES + 1} ranges"):
+    with pytest.raises(ValueError, match=f"ranges cannot be {MOST_RANGES + 1}"):
         decode("/machine/raw", data)
     assert MOST_EVENTS > 50_000
 

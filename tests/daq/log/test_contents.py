@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.log.contents import LogEnd, open_log
 from stepdiag.daq.log.recovery import log_info, recover
 from stepdiag.daq.log.topics import CHANNELS, SAMPLE_TOPIC
@@ -196,7 +197,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -
 
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.mcap: expected a log, found No such file"):
+    with pytest.raises(DataError, match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file"):
         open_log(tmp_path / "none.mcap")
 
 
@@ -238,7 +239,8 @@ def test_a_message_of_ours_by_hand_is_read(tmp_path: Path) -> None:
 def test_a_message_that_contradicts_itself_is_damage(tmp_path: Path, change: dict[str, object]) -> None:
     events, end = read(chunk_log(tmp_path / "a.mcap", json.dumps(GOOD | change).encode()))
     assert events == []
-    assert "a message that is not ours" in end.damage
+    assert isinstance(end.damage, Message)
+    assert end.damage.key in ("log-impossible", "log-event-twice", "log-event-missing", "log-unreadable")
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
@@ -246,12 +248,12 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     path = chunk_log(tmp_path / "a.mcap", bytes(100_000_000))
     assert path.stat().st_size < 100_000
     _, end = read(path)
-    assert "unpacks to" in end.damage
+    assert "uncompressed_size" in str(end.damage)
 
 
 def test_other_compressions_are_not_ours(tmp_path: Path) -> None:
     _, end = read(chunk_log(tmp_path / "a.mcap", json.dumps(GOOD).encode(), compression=CompressionType.LZ4))
-    assert end.damage == "a chunk compressed by lz4"
+    assert end.damage == message("log-impossible", field="chunk.compression", value="'lz4'")
 
 
 def test_recovery_keeps_every_event_and_leaves_the_damaged_log(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What is still to be driven: one list for the card, the progress, the time left and `status`."""
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +10,7 @@ from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import suspected
-from stepdiag.daq.service.remaining import to_drive
+from stepdiag.daq.service.remaining import own_minutes, to_drive
 from stepdiag.daq.service.snapshot import setup_statuses
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
@@ -60,6 +61,25 @@ def test_the_first_pass_of_a_setup_that_does_not_stand_has_the_setting_up() -> N
     taken_down = book(lost, *everything()[1:])
     assert listed(taken_down) == [("ppp", 1, 4, 6, True)]
     assert minutes(taken_down) > SETTING_UP_MIN
+
+
+@pytest.mark.parametrize(
+    ("waits_min", "diagonal_min", "shift_min"),
+    [((12.0, 2.0, 18.0), 15.0, 2.0), ((12.0, 2.0, 95.0), 12.0, 2.0), ((100.0, 40.0, 95.0), 30.0, 5.0)],
+    ids=["measured", "one interruption", "nothing but interruptions"],
+)
+def test_setting_up_takes_as_long_as_the_log_shows(waits_min, diagonal_min, shift_min) -> None:
+    """From the last stop before to the first after; what was left overnight is none of it."""
+    stops, time_s = [], 0.0
+    for setup, wait_min in zip(("ppp", "npp", "npp+1", "pnp"), (0.0, *waits_min), strict=True):
+        time_s += 60.0 * wait_min
+        for stop in stops_of("npp" if "+" in setup else setup):
+            stops.append(msgspec.structs.replace(stop, setup=setup, time_s=time_s))
+            time_s += 3.0
+        time_s -= 3.0
+    pace = own_minutes(SURVEY, stops).pace
+    assert (pace.diagonal_setup_min, pace.beam_shift_min) == pytest.approx((diagonal_min, shift_min))
+    assert pace.linear_setup_min == SURVEY.planned.pace.linear_setup_min
 
 
 def test_a_pass_that_runs_goes_on_where_it_is() -> None:

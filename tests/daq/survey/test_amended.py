@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.survey.amended import with_plan
+from stepdiag.daq.survey.amended import extends, with_plan
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import BeamOffset, Plan
 from stepdiag.daq.survey.template import template
@@ -61,3 +61,23 @@ def test_what_the_survey_cannot_hold_is_refused() -> None:
     inline = 'plan = { setups = ["ppp"] }\n' + BARE
     with pytest.raises(UsageError, match="plan"):
         with_plan(inline, Plan(setups=("ppp", "npp")), "survey.toml")
+
+
+FACES = with_plan(BARE, Plan(setups=("ppp", "face-xy-pp", "linear-x")), "survey.toml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "goes_on"),
+    [
+        ({}, True),
+        ({"setups": ("ppp", "face-xy-pp", "linear-x", "face-yz-pp")}, True),
+        ({"beam_offset": (BeamOffset(setup="linear-x", offset_mm=(0.0, 100.0, 0.0)),)}, True),
+        # the machine shows 102 for the face that was driven as 101
+        ({"setups": ("body-ppp", "ppp", "face-xy-pp", "linear-x")}, False),
+        ({"setups": ("ppp", "face-xy-pp")}, False),
+        ({"setups": ("ppp", "face-xy-pp", "linear-x", "linear-y"), "repeats": 2}, False),
+    ],
+)
+def test_logs_go_on_with_further_setups_alone(changes: dict[str, object], goes_on: bool) -> None:
+    plan = msgspec.structs.replace(parse_survey(FACES, "survey.toml").plan, **changes)
+    assert extends(with_plan(FACES, plan, "survey.toml"), FACES) is goes_on

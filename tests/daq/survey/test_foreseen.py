@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from stepdiag.completion.foreseen import circumstances, hidden_slip, hidden_waves
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.planning.planner import forecast
+from stepdiag.solver.planning.search import offered
 from testkit.timeline import survey_text
 
 FOUR = ("ppp", "npp", "pnp", "ppn")
@@ -66,3 +67,25 @@ def test_the_advised_number_of_increments_shows_the_waves(pitch_mm, edge_mm, n):
     for said in hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, n)):
         if advised := re.search(r"increments = (\d+)", said.text):
             assert not list(hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, int(advised[1]))))
+
+
+@pytest.mark.parametrize(
+    ("head", "turns", "runs"),
+    [
+        ('format = "fourdof"\nid = "A"\ncalibration = "a.toml"\n', "EBX ECX EAY ECY EAZ EBZ", "xyz"),
+        ('format = "tqd"\nid = "A"\ncalibration = "a.toml"\n', "", ""),
+        ('format = "elcomat"\n[head.angles]\nx = ["+B", "-C"]\nz = ["+A"]\nu_urad = 0.2\n', "EBX ECX EAZ", "xz"),
+        ('format = "wyler"\n[head.angles]\nx = ["+A"]\nu_urad = 2.0\n', "EAX", "x"),
+    ],
+)
+def test_the_plan_counts_what_the_instrument_of_the_survey_measures(head, turns, runs):
+    """An autocollimator or a level along the axes that the file names; a quadrant detector alone measures no angle."""
+    survey = parse_survey(survey_text(setups=FOUR) + f'[head]\nport = "/dev/null1"\n{head}', "survey.toml")
+    about = circumstances(survey)
+    assert about.head_turns == tuple(turns.split())
+    measured = [run for run in offered(survey.planned, about) if run.is_fourdof]
+    assert "".join(run.setup[-1] for run in measured) == runs
+    known = about.head_ranges_urad(measured)
+    u_urad = survey.head.angles.u_urad if survey.head.angular else 1.0
+    assert set(known) == set(turns.split())
+    assert all(size == pytest.approx(2.0 * u_urad) for size in known.values())

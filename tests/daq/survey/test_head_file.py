@@ -165,7 +165,7 @@ def test_uncertainties_and_correlations_make_a_covariance():
 
 
 def test_floats_of_numpy_are_written_as_numbers():
-    """One distance gives the slope's share a float of numpy, whose repr names its type: `signs` refused to write it."""
+    """One distance gives the slope's share a float of numpy, whose repr names its type: no file was written."""
     file = head_file()
     lever = msgspec.structs.replace(file.lever, scale=np.float64(1.0), u_mm=np.float64(0.25), u_scale=np.float64(0.05) / 3**0.5)
     again = parse_head_file(render_head_file(msgspec.structs.replace(file, lever=lever)).encode(), "head.toml")

@@ -140,3 +140,101 @@ def test_what_any_control_holds_is_compared_with_what_was_written(name: str) -> 
     assert {"read-back-differs", "read-back-differs.absent"} & {found.key for found in other.findings}
     assert name in STEPS
     assert np.isfinite(same.numbers)
+
+
+class Punching:
+    """A FANUC as far as read-in and punch-out see it: numbers by their line, parameters and pitch data alike; switches are bits of them."""
+
+    def __init__(self, *files: ControlFile) -> None:
+        self.names = [file.name for file in files]
+        self.files = {file.name: file.data.split(b"\n\r\r") for file in files}
+
+    def read_in(self, file: ControlFile, *, stop_after: int | None = None) -> None:
+        """Take numbers over up to a line: a transfer that breaks off leaves the others as they were."""
+        new = file.data.split(b"\n\r\r")
+        self.files[file.name] = [*new[:stop_after], *self.files[file.name][len(new) if stop_after is None else stop_after :]]
+
+    def put(self, number: int, value: bytes) -> None:
+        """Key one parameter in."""
+        for lines in self.files.values():
+            for at, line in enumerate(lines):
+                if line.startswith(b"N%05d" % number):
+                    lines[at] = line[: line.index(b"P") + 1] + value + line[line.index(b"P") + 1 + len(value) :]
+
+    def punched(self) -> list[ControlFile]:
+        return [ControlFile(name=name, data=b"\n\r\r".join(lines)) for name, lines in self.files.items()]
+
+
+FANUC_OWN = b"\n\r\r".join(
+    [b"%", b"(CNCID=0)", b"N03605Q1A1P00000000A2P00000000A3P00000000", b"N08135Q1L1P00000000", b"N03620Q1A1P100A2P300A3P500"]
+    + [b"N0%dQ1A1P0A2P0A3P0" % number for number in (3621, 3622)]
+    + [b"N03623Q1A1P1A2P1A3P1", b"N03624Q1A1P0.0A2P0.0A3P0.0", *(b"N1%04dQ0P0" % point for point in range(700)), b"%", b""]
+)
+
+
+class TestFanuc:
+    """What is read in is punched out: numbers, and the bits that switch them."""
+
+    def loaded(self, stop_after: int | None = None) -> tuple[Punching, list[ControlFile], object]:
+        base = profile_of("fanuc", VOLUME)
+        own = ControlFile(name="PITCH.TXT", data=FANUC_OWN)
+        options = msgspec.structs.replace(base.options, experimental_bidirectional=False)
+        profile = replace(base, existing=(own,), options=options)
+        control = controller_named("fanuc")
+        plan = control.plan(fitted(RESULT, ("EXX",)).curves, profile)
+        settled = replace(profile, options=plan.options)
+        files = list(control.render(plan.tables, settled))
+        machine = Punching(own)
+        machine.read_in(files[0], stop_after=stop_after)
+        return machine, files, settled
+
+    def test_what_was_read_in_is_punched_out_with_its_switches(self) -> None:
+        machine, files, profile = self.loaded()
+        found = compare(controller_named("fanuc"), files, machine.punched(), profile)
+        assert found.findings == ()
+        assert found.switches == 2
+
+    def test_a_broken_transfer_shows(self) -> None:
+        machine, files, profile = self.loaded(stop_after=111)
+        assert compare(controller_named("fanuc"), files, machine.punched(), profile).findings
+
+    @pytest.mark.parametrize(("number", "name"), [(8135, "8135#0"), (3605, "3605#0 A1")])
+    def test_a_switch_in_the_other_state_is_named(self, number: int, name: str) -> None:
+        """Also where no table can be read beside it: with 3605#0 the control looks for a second block, which is not there."""
+        machine, files, profile = self.loaded()
+        machine.put(number, b"00000001")
+        found = compare(controller_named("fanuc"), files, machine.punched(), profile).findings
+        (switch,) = [each.text for each in found if each.key == "read-back-differs.switch"]
+        assert switch.startswith(f"{name} is 1")
+
+
+class TestFolders:
+    """Controls whose tables are files: a folder that holds them, with the line or parameter that switches them."""
+
+    def test_a_heidenhain_whose_assignment_calls_no_table_shows(self) -> None:
+        files, profile, control = written("heidenhain")
+        assert compare(control, files, files, profile).findings == ()
+        off = [replace(file, data=file.data.replace(b"*", b" ")) if file.name.endswith(".CMA") else file for file in files]
+        assert off != files
+        assert compare(control, files, off, profile).findings
+        half = [file for file in files if not file.name.startswith("AXIS_AX2")]
+        assert len(half) == len(files) - 1
+        assert compare(control, files, half, profile).findings
+
+    def test_a_beckhoff_axis_list_is_read_with_its_switch(self) -> None:
+        files, profile, control = written("beckhoff", way="lists", axis_numbers={"X": 1, "Y": 2, "Z": 3}, cross_sense="as-error")
+        for state, keys in (("1", []), ("0", ["read-back-differs.switch"] * 3), (None, ["read-back-differs.unread"] * 3)):
+            line = b"" if state is None else f"lr_param.ssfk {state}\r\n".encode()
+            held = [replace(file, data=file.data + line) for file in files]
+            assert [each.key for each in compare(control, files, held, profile).findings] == keys
+
+
+def written(name: str, **options: object) -> tuple[list[ControlFile], object, object]:
+    """Return the data files of an export for a control, its profile and the control."""
+    control, profile = controller_named(name), profile_of(name, VOLUME)
+    if options:
+        profile = replace(profile, options=msgspec.structs.replace(profile.options, **options))
+    result = made_result({"EXX": [0.0, 5.0, 12.0, 9.0, 3.0], "EYY": [0.0, 4.0, 2.0, 1.0, 3.0], "EZZ": [0.0, -4.0, 2.0, 6.0, 3.0]})
+    plan = control.plan(fitted(result, ("EXX", "EYY", "EZZ")).curves, profile)
+    settled = replace(profile, options=plan.options or profile.options)
+    return [file for file in control.render(plan.tables, settled) if file.role == "data"], settled, control

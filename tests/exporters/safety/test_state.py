@@ -86,6 +86,19 @@ def test_functions_that_changed_by_themselves_refuse_no_right_statement(state: s
     assert found > 0.8 * MACHINES
 
 
+@pytest.mark.parametrize("state", ["on", "off"])
+def test_tables_of_another_machine_refuse_no_right_statement(state: str) -> None:
+    """Their shares may look like any state; what is left beside them does not. By the shares alone 9 of 60 were refused (off)."""
+    refused = 0
+    for seed in range(60):
+        dice = np.random.default_rng((5, seed))
+        own, other = drawn(dice), drawn(dice)
+        now = {name: each - (state == "on") * other[name] + 0.5 * dice.normal(size=5) for name, each in own.items()}
+        result = made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5)
+        refused += any(each.severity == "error" for each in state_findings(result, tables_of(other), state))
+    assert refused <= 1
+
+
 @pytest.mark.parametrize("left_on", list(KINDS))
 def test_one_forgotten_switch_shows_with_the_functions_of_its_tables(left_on: str) -> None:
     named, wrong = 0, 0

@@ -4,8 +4,8 @@ import asyncio
 from typing import Any
 
 
-def visit(app: Any, path: str, host: str) -> tuple[int, bytes]:
-    """Return status and body of a visit, as a server would ask the page for it."""
+def visit(app: Any, path: str, host: str, *, token: str = "") -> tuple[int, bytes]:
+    """Return status and body of a visit by a program with this token, as a server would ask the page for it."""
     sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
@@ -16,7 +16,8 @@ def visit(app: Any, path: str, host: str) -> tuple[int, bytes]:
         sent.append(message)
 
     scope = {"type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"", "root_path": ""}
-    scope |= {"headers": [(b"host", host.encode())], "scheme": "http", "http_version": "1.1"}
+    headers = [(b"host", host.encode()), *([(b"authorization", f"Bearer {token}".encode())] if token else [])]
+    scope |= {"headers": headers, "scheme": "http", "http_version": "1.1"}
     scope |= {"server": ("127.0.0.1", 1), "client": ("127.0.0.1", 2)}
     asyncio.run(app(scope, receive, send))
     return sent[0]["status"], b"".join(message.get("body", b"") for message in sent[1:])

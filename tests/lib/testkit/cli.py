@@ -1,5 +1,7 @@
 """The command line as a person meets it, without a process for each test: same refusals, same exit codes."""
 
+import socket
+import sys
 from functools import cache
 from typing import NamedTuple
 
@@ -28,10 +30,33 @@ def _built() -> None:
     build()
 
 
+_LISTENING = ("run", "publish", "fleet", "demo", "setup")
+"""Commands that serve by purpose, and those that play a machine: `tests/system/service/test_listening.py` lists their ports."""
+_watched: list[str] = []
+
+
+@cache
+def _audited() -> None:
+    sys.addaudithook(_refuse_port)
+
+
+def _refuse_port(event: str, arguments: tuple[object, ...]) -> None:
+    """Raise AssertionError where a command binds a port of the network: whoever has an account of the computer could connect."""
+    if event == "socket.bind" and _watched and _watched[-1] not in _LISTENING:
+        family = getattr(arguments[0], "family", None)
+        if family in (socket.AF_INET, socket.AF_INET6):
+            raise AssertionError(f"`stepdiag {_watched[-1]}` listens on {arguments[1]}")
+
+
 def stepdiag(*arguments: object) -> Told:
-    """Run ``stepdiag`` with these arguments."""
+    """Run ``stepdiag`` with these arguments; a command that works on files may not bind a port."""
     _built()
-    result = typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+    _audited()
+    _watched.append(str(arguments[0]) if arguments else "")
+    try:
+        result = typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+    finally:
+        _watched.pop()
     if isinstance(result.exception, StepdiagError):
         code = next(code for cause, code in EXIT_CODES.items() if isinstance(result.exception, cause))
         return Told(code, result.stdout, str(result.exception))

@@ -7,6 +7,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.completion.completion import complete
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.fleet.archive import put_table
 from stepdiag.fleet.history import Series, Survey, history_in
 from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.store import Place, Store
@@ -76,7 +78,7 @@ def write_history(
             conditions="{}",
         )
         rows = [Row(quantity=quantity, axis="", position_mm=None, value=value, u=u, unit="um")]
-        store.write(Place(machine, str(time.year), survey).table, to_parquet(table_of(about, rows)))
+        put_table(store, Place(machine, str(time.year), survey), {RESULT: "0" * 64}, to_parquet(table_of(about, rows)))
     return times
 
 

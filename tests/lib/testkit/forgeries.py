@@ -1,5 +1,6 @@
 """What a forger does: a bit, a column of a table, with everything else kept."""
 
+import hashlib
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, unsealed
 
 
 @contextmanager
@@ -46,6 +49,28 @@ def edited_table(
     path.write_bytes(out.getvalue())
 
 
+def listed_anew(store: Store, place: Place) -> None:
+    """Write the hashes of a survey's files and of its table anew into their list: a forger who knows the chain."""
+    listed = Path(store.path(place.listed))
+    files = {
+        name: stated if not (listed.parent / name).exists() else _hash(listed.parent / name)
+        for name, stated in store.listed(place).files.items()
+    }
+    listed.write_bytes(manifest_of(place, files, _hash(Path(store.path(place.table)))))
+
+
+def edited_index(store: Store, column: str, edit: Callable[[list[Any]], Sequence[Any]]) -> None:
+    """Change a column of the index, and write its hash anew."""
+    path = Path(store.path(INDEX))
+    path.write_bytes(unsealed(path.read_bytes(), INDEX))
+    edited_table(path, column, edit)
+    path.write_bytes(sealed(path.read_bytes()))
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def signing_key(folder: Path) -> tuple[Path, Path]:
     """Make a key and its certificate by hand, as a laboratory's office does with its own."""
     from datetime import UTC, datetime, timedelta
@@ -62,3 +87,10 @@ def signing_key(folder: Path) -> tuple[Path, Path]:
     (folder / "key.pem").write_bytes(key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()))
     (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
     return folder / "key.pem", folder / "cert.pem"
+
+
+def rehashed(folder: Path, before: bytes, name: str) -> None:
+    """Write the new hash of a file wherever the old one stands: a forger who knows the chain."""
+    old, new = (hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes()))
+    for path in (folder / "result.json", folder / "c.xml"):
+        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline="")

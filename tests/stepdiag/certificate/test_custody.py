@@ -21,7 +21,7 @@ from stepdiag.page.downloads import downloads_of
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
 from testkit.fleets import finished_survey
-from testkit.forgeries import signing_key
+from testkit.forgeries import rehashed, signing_key
 
 LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
 TOLERANCE = "[tolerance]\nvolumetric_rms_um = 20.0\nsquareness_urad = 30.0\n[tolerance.functions_um]\nEYX = 20.0\n"
@@ -76,13 +76,6 @@ def altered(path: Path, old: str, new: str) -> None:
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8", newline="")
-
-
-def rehashed(folder: Path, before: bytes, name: str) -> None:
-    """Write the new hash of a file wherever the old one stands: a forger who knows the chain."""
-    old, new = (hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes()))
-    for path in (folder / "result.json", folder / "c.xml"):
-        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline="")
 
 
 def _result_prettier(folder: Path) -> None:
@@ -357,16 +350,14 @@ def test_certificate_of_a_finished_survey_is_written_beside_it(tmp_path: Path) -
     """What a person at the page asks for: report, exports and the laboratory's file are in it; a second one stands beside the first."""
     folder = finished_survey(tmp_path)
     (tmp_path / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
-    sha = hashlib.sha256((folder / "result.json").read_bytes()).hexdigest()
-    (folder / "report.html").write_text(f"SHA-256 {sha}", encoding="utf-8")
     for name in ("certificate.xml", "certificate-2.xml"):
         told = stepdiag("complete", "--certificate", folder)
         assert told.code == 0, told.refusal
         found = verify_certificate(folder / name, tmp_path)
         assert (found.broken, found.links) == (None, 4)
-    assert [one.kind for one in downloads_of(folder) if one.name.startswith("certificate")] == ["certificate"] * 2
-    (folder / "report.html").write_text("another", encoding="utf-8")
-    assert stepdiag("complete", "--certificate", folder).code == 3
+    assert [one.kind for one in downloads_of(folder) if one.name.startswith("certificate")] == ["certificate"] * 4
+    altered(folder / "certificate.html", "</main>", "<p>It conforms.</p></main>")
+    assert verify_certificate(folder / "certificate.xml", tmp_path).broken.key == "custody-changed"
 
 
 def _flip(data: bytes, at: int, bits: int = 1) -> bytes:

@@ -2,8 +2,8 @@
 
 from serial.tools import list_ports, list_ports_common
 
-from stepdiag.checking import hearing
 from stepdiag.checking.hearing import PortSeen, ports
+from stepdiag.daq.links.ports import tty
 
 
 def test_ports_are_listed_by_the_name_that_stays_with_the_words_of_their_adapter(tmp_path, monkeypatch):
@@ -19,7 +19,7 @@ def test_ports_are_listed_by_the_name_that_stays_with_the_words_of_their_adapter
         found.append(port)
     (by_id / "usb-FTDI_FT232R_A700-if00-port0").symlink_to(devices / "ttyUSB0")
     monkeypatch.setattr(list_ports, "comports", lambda: found)
-    monkeypatch.setattr(hearing, "BY_ID", by_id)
+    monkeypatch.setattr(tty, "BY_ID", by_id)
     assert ports() == [
         PortSeen(str(by_id / "usb-FTDI_FT232R_A700-if00-port0"), "uMD board - FT232R"),
         PortSeen(str(devices / "ttyUSB1"), "USB-Serial Controller"),

@@ -1,6 +1,7 @@
 """Options of the demo and of the fleet's page: each changes what the command starts, or is refused."""
 
 import json
+import re
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -76,9 +77,11 @@ def visited(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("stepdiag.fleet.page.serve", lambda app, host, port: served.append((app, host, port)))
 
     def shown(*options):
-        assert stepdiag("fleet", store.address, *options).code == 0
+        told = stepdiag("fleet", store.address, *options)
+        assert told.code == 0
         app, host, port = served[-1]
-        status, sheet = visit(app, "/", f"{host}:{port}")
+        token = re.findall(r"/\?token=(\S{24}) ", told.out)[0]
+        status, sheet = visit(app, "/", f"{host}:{port}", token=token)
         assert status == 200
         return sheet, (host, port)
 
@@ -101,4 +104,4 @@ def test_a_fleet_of_a_version_that_solved_nothing_is_refused(tmp_path):
     write_history(store, "Lathe", [5.0, 5.1])
     refused = stepdiag("fleet", store.address, "--software", "9")
     assert refused.code == 3
-    assert "solved anew by 9" in refused.refusal
+    assert "solved by 9" in refused.refusal

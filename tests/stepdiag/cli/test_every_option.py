@@ -110,12 +110,16 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {
             "--out": ["--out", "new.xml"], "--laboratory": ["--laboratory", "other.toml"], "--as-left": ["--as-left", "later.json"],
             "--report": ["--report", "paper.toml"], "--key": ["--key", "none.pem"], "--key-certificate": ["--key-certificate", "none.pem"],
+            "--letterhead": ["--letterhead", "paper.toml"], "--profile": ["--profile", "profile.toml"], "--pdf": ["--pdf", "c.pdf"],
         },
     ),
     "import": (
         ["import", "etalon.txt", "--chain", "FXYZ", "--out", "taken.json"],
-        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"]},
+        # tests/stepdiag/fourdof/test_tables.py tries --map
+        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"], "--map": []},
     ),
+    # tests/system/recording/test_further_setup.py tries --note, with the daemon
+    "next": (["next", "survey.toml"], {"--take": ["--take"], "--json": ["--json"], "--note": []}),
     "program": (
         ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
         {
@@ -183,13 +187,6 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--plot": ["--plot", "new.svg"], "--json": ["--json"],
         },
     ),
-    "fourdof signs": (
-        ["fourdof", "signs", "--at", "500=near.csv", "--at", "2000=far.csv", "--calibration", "head.toml", "--out", "new.toml"],
-        {
-            "--at": ["--at", "600=near.csv", "--at", "2000=far.csv"], "--calibration": ["--calibration", "none.toml"],
-            "--out": ["--out", "other.toml"], "--seconds": ["--seconds", "9"], "--json": ["--json"],
-        },
-    ),
     "fourdof stability": (
         ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
         {
@@ -209,7 +206,14 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
 After a colon stands what a call of the command is for, where it has several.
 """
 
-NEEDED = {"demo": [], "setup": ["new.toml"], "status": ["."], "fleet": ["store"], "publish": ["result.json", "--broker", "localhost"]}
+NEEDED = {
+    "demo": [],
+    "stream": ["survey.toml", "ppp", "x.csv", "--unit", "mm"],
+    "setup": ["new.toml"],
+    "status": ["."],
+    "fleet": ["store"],
+    "publish": ["result.json", "--broker", "localhost"],
+}
 """What the commands that need Linux take at least, where it is no survey file."""
 
 COVERED: dict[str, dict[str, list[str]]] = {
@@ -243,13 +247,16 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "pack": {},
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
+    "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
     "begin": {},
+    "stream": {"daq/recording/test_streamed.py": ["--began", "--unit"]},
     "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
     "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
+    "archive check": {"stepdiag/fleet/test_custody.py": []},
     "fleet": {"stepdiag/cli/test_demo_and_fleet.py": ["--host", "--language", "--port", "--software", "--tolerance"]},
     "resolve": {
         "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
-        "system/service/test_resolve.py": ["--scheduler", "--workers"],
+        "system/service/test_resolve.py": ["--ca", "--certificate", "--key", "--scheduler", "--workers"],
     },
     "publish": {
         "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
@@ -260,6 +267,7 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "system/recording/test_commission_head.py": ["--calibration", "--json"],
         "stepdiag/cli/test_fourdof.py": ["--out", "--controller", "--profile"],
     },
+    "proof": {"system/recording/test_proof_run.py": ["--controller", "--json", "--loaded", "--minutes", "--out", "--profile"]},
     "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
     "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
     "service remove": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},

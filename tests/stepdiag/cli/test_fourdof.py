@@ -8,11 +8,11 @@ from typer.testing import CliRunner
 
 from stepdiag.base.errors import DataError, StepdiagError, UsageError
 from stepdiag.cli.app import app, build
-from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file
+from stepdiag.daq.survey.head_file import parse_head_file
 from stepdiag.fourdof.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
-from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.exact.heads import head_file, survey_section, write_head_file
+from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
+from testkit.exact.heads import survey_section, write_head_file
 from testkit.timeline import survey_text
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
@@ -89,9 +89,8 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
     """A file of `new` gave a pitch 40 u off, and one without signs covered 1 per cent."""
     fourdof("new", "--id", "4D-9", "--psd1-focal-mm", 150, "--psd2-focal-mm", 150, "--out", tmp_path / "new.toml")
     wobble = write_samples(tmp_path / "w.csv", 300.0, 20.0, amplitude=100.0, period_s=3.0)
-    at = ("--at", f"300={wobble}", "--calibration", tmp_path / "new.toml", "--out", tmp_path / "x.toml")
-    with pytest.raises(DataError, match=r"signs: qd.x: .*found nothing has measured qd.x, qd.y, .*; next: `stepdiag fourdof commission`"):
-        fourdof("signs", *at)
+    with pytest.raises(DataError, match=r"stability: qd.x: .*nothing has measured qd.x, .*; next: `stepdiag fourdof commission`"):
+        fourdof("stability", wobble, "--calibration", tmp_path / "new.toml", "--distance-mm", 300)
     run = write_stage_run(tmp_path / "qdx.csv", "qd", 0)
     fourdof("calibrate", "--run", f"qd.x={run}", "--base", tmp_path / "new.toml", "--out", tmp_path / "part.toml")
     file = parse_head_file((tmp_path / "part.toml").read_bytes(), "part.toml")
@@ -123,17 +122,6 @@ def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
         fourdof("commission", tmp_path / "0001.mcap", "--out", tmp_path / "made.toml")
 
 
-def test_a_detector_wrong_by_a_factor_of_two_is_refused_and_nothing_is_written(tmp_path):
-    """The mean of a right and a wrong axis was written, wrong for both."""
-    half = AxisTable(coefficients_um=(0.0, 1000.0), low=-0.95, high=0.95, u_um=0.1)
-    write_head_file(tmp_path / "head.toml", psd1=DetectorTable(x=half, y=head_file().psd1.y))
-    places = [(d, write_samples(tmp_path / f"{d}.csv", float(d), 20.0, amplitude=100.0, period_s=3.0)) for d in (300, 900)]
-    at = [part for distance, path in places for part in ("--at", f"{distance}={path}")]
-    with pytest.raises(DataError, match=r"gains from 0.95 to 1.05, found a lever that grows"):
-        fourdof("signs", *at, "--calibration", tmp_path / "head.toml", "--out", tmp_path / "signed.toml")
-    assert not (tmp_path / "signed.toml").exists()
-
-
 def test_the_pages_of_figures_are_html_where_asked(tmp_path):
     write_head_file(tmp_path / "head.toml")
     source = write_samples(tmp_path / "s.csv", 2000.0, 120.0, amplitude=5.0, period_s=60.0)
@@ -154,24 +142,6 @@ def test_stability_says_what_compensation_takes_away(tmp_path):
     for figures in said.values():
         assert figures["removed_percent"] > 80.0
         assert len(figures["tau_s"]) == len(figures["raw_allan"]) == len(figures["compensated_allan"]) > 3
-
-
-def test_signs_and_lever_from_two_recordings(tmp_path):
-    """The second detector stands behind a fold mirror that turns x over."""
-    turned = SpotDetector(sign=(-1.0, 1.0))
-    optics = HeadOptics(psd1=turned)
-    write_head_file(tmp_path / "head.toml", lever=LeverTable())
-    places = [(d, write_samples(tmp_path / f"{d}.csv", float(d), 20.0, amplitude=100.0, period_s=3.0, optics=optics)) for d in (300, 900)]
-    at = [part for distance, path in places for part in ("--at", f"{distance}={path}")]
-    said = fourdof("signs", *at, "--calibration", tmp_path / "head.toml", "--out", tmp_path / "signed.toml")
-    assert "x: sign turned of PSD1" in said
-    assert "y: signs right" in said
-    file = parse_head_file((tmp_path / "signed.toml").read_bytes(), "signed.toml")
-    assert (file.psd1.x.sign, file.psd1.y.sign) == (-1, 1)
-    assert file.lever.dead_path_mm == pytest.approx(30.0, abs=6.0)
-    still = write_samples(tmp_path / "still.csv", 300.0, 20.0, amplitude=0.0, period_s=3.0)
-    with pytest.raises(DataError, match="wobble the laser's pointing harder"):
-        fourdof("signs", "--at", f"300={still}", "--calibration", tmp_path / "head.toml", "--out", tmp_path / "x.toml")
 
 
 def test_compare_with_a_reference_instrument(tmp_path):

@@ -139,7 +139,7 @@ class TestPlan:
         with survey.open("a", encoding="utf-8") as file:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
-        assert re.search(r"tables of one axis each leave 0\.\d+ um whatever is driven", " ".join(told.out.split()))
+        assert re.search(r"tables of one axis each leave 0\.\d+ µm whatever is driven", " ".join(told.out.split()))
 
     def test_says_when_nothing_fits(self, survey):
         assert "No survey fits" in stepdiag("plan", survey, "--minutes", 10).out

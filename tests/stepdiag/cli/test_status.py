@@ -182,7 +182,7 @@ def test_a_daemon_that_records_is_seen_and_not_disturbed(survey):
 def test_a_survey_file_changed_since_is_named(survey):
     record(survey, 1, stops_of("ppp"))
     survey.write_text(TEXT + "# a word\n", encoding="utf-8")
-    assert "will begin a new round" in stepdiag("status", survey).out
+    assert "stepdiag correct" in stepdiag("status", survey).out
     survey.write_text(TEXT, encoding="utf-8")
     assert "new round" not in stepdiag("status", survey).out
     assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", "undone, it goes on with these"
@@ -194,7 +194,7 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
     other = replace(HEADER, survey_text=TEXT.replace("bench", "another"))
     write_log(survey.parent / "bench" / "0001" / "0002.mcap", [*EVENTS, *map(stop_note, stops_of("npp"))], flush_every=1, header=other)
     assert told(survey)["next_setup"] == "npp"
-    assert "0002.mcap: a log of another survey: it does not count here" in stepdiag("status", survey).out
+    assert "0002.mcap: another one: it does not count here" in stepdiag("status", survey).out
 
 
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):

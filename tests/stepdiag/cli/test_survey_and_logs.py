@@ -76,7 +76,7 @@ def test_info_says_whether_a_log_is_whole(tmp_path: Path, cut_off: Path) -> None
     assert "whole.mcap: whole, complete" in whole
     assert "0 stops, 25 polls of the machine" in whole
     damaged = run("info", cut_off)
-    assert "not whole (it was cut off; 20 bytes cannot be read); `stepdiag recover` mends it" in damaged
+    assert "not whole (it was cut off; 20 bytes cannot be read, 0 events lost with them); `stepdiag recover` mends it" in damaged
 
 
 def test_info_for_programs(tmp_path: Path, cut_off: Path) -> None:

@@ -17,6 +17,7 @@ port = 8500
 """
 )
 DROP_IN = "etc/systemd/system/stepdiag@mill.service.d/50-survey.conf"
+PAGE, SOCKET = (DROP_IN.replace("stepdiag@mill.service", f"stepdiag-page@mill.{kind}") for kind in ("service", "socket"))
 
 
 @pytest.fixture
@@ -25,17 +26,19 @@ def root(tmp_path: Path) -> Path:
 
 
 def test_what_the_survey_needs_is_opened_and_nothing_else(root: Path) -> None:
-    """The PLC's address alone, the page's port alone, the token as a credential that only root and the service read."""
+    """The recorder: the PLC's address alone, no port and no secret. The page: its port alone, the token as a credential, no network."""
     service("install", root)
     lines = (root / DROP_IN).read_text().splitlines()
     assert [line.partition("=")[2] for line in lines if line.startswith("IPAddressAllow")] == ["", "localhost", "192.168.4.20"]
-    assert [line for line in lines if line.startswith("SocketBind")] == ["SocketBindAllow=", "SocketBindAllow=tcp:8500"]
-    assert "LoadCredential=page-token:/etc/stepdiag/mill.token" in lines
+    assert len(lines) == 5, lines
+    assert (root / PAGE).read_text().splitlines()[2:] == ["LoadCredential=page-token:/etc/stepdiag/mill.token"]
+    assert (root / SOCKET).read_text().splitlines()[2:] == ["ListenStream=", "ListenStream=127.0.0.1:8500"]
     token = root / "etc/stepdiag/mill.token"
     assert token.stat().st_mode & 0o777 == 0o600
     assert len(token.read_text().strip()) >= 16
     assert set(written(root)) == {
-        DROP_IN, "etc/stepdiag/mill.toml", "etc/stepdiag/mill.token", "etc/systemd/system/stepdiag@.service",
+        DROP_IN, PAGE, SOCKET, "etc/stepdiag/mill.toml", "etc/stepdiag/mill.token", "etc/systemd/system/stepdiag@.service",
+        "etc/systemd/system/stepdiag-page@.service", "etc/systemd/system/stepdiag-page@.socket", "etc/sysusers.d/stepdiag.conf",
         "etc/udev/rules.d/90-stepdiag.rules", "etc/modules-load.d/stepdiag.conf",
     }  # fmt: skip
 
@@ -105,6 +108,20 @@ def test_nothing_in_a_survey_becomes_a_line_of_the_unit(root: Path, changed: str
     assert "page-token" in refused.refusal
 
 
+@pytest.mark.parametrize("host", ["hall.example", "0.0.0.0\\nExecStart=/bin/sh"])
+def test_page_listens_on_an_address_alone(root: Path, host: str) -> None:
+    (root / "etc/stepdiag/mill.toml").write_text(SURVEY.replace("port = 8500", f'port = 8500\nhost = "{host}"'), encoding="utf-8")
+    refused = stepdiag("service", "install", root / "etc/stepdiag/mill.toml", "--root", root)
+    assert (refused.code, "page.host" in refused.refusal) == (2, True)
+
+
+def test_survey_without_a_page_has_no_page_unit(root: Path) -> None:
+    service("install", root)
+    (root / "etc/stepdiag/mill.toml").write_text(SURVEY.replace("port = 8500", "enabled = false"), encoding="utf-8")
+    service("install", root)
+    assert not {PAGE, SOCKET} & set(written(root))
+
+
 def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
     (root / "mill.toml").write_text(SURVEY, encoding="utf-8")
     refused = stepdiag("service", "install", root / "mill.toml", "--root", root)
@@ -113,11 +130,12 @@ def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
 
 
 def test_systemd_finds_nothing_wrong_with_what_is_written(root: Path) -> None:
-    """Unit and drop-in together."""
+    """Units and drop-ins together."""
     service("install", root)
     units = root / "etc/systemd/system"
     done = subprocess.run(
-        ["systemd-analyze", "verify", "stepdiag@mill.service"], capture_output=True, text=True, timeout=60, check=False,
+        ["systemd-analyze", "verify", *(f"stepdiag{unit}" for unit in ("@mill.service", "-page@mill.service", "-page@mill.socket"))],
+        capture_output=True, text=True, timeout=60, check=False,
         env={"SYSTEMD_UNIT_PATH": f"{units}:/lib/systemd/system", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

@@ -16,12 +16,13 @@ from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.fleet import tables
 from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.resolve import solve_anew
-from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
+from stepdiag.fleet.store import INDEX, LISTED, MARK, Store, sealed
 from stepdiag.fleet.tables import from_parquet, to_parquet
 from stepdiag.fleet.tolerances import FILE, tolerances_in
 from testkit.cli import stepdiag
 from testkit.examples import few
 from testkit.fleets import finished_survey, series_of, write_history
+from testkit.forgeries import listed_anew
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -68,9 +69,11 @@ def read_everything(address: str) -> None:
 
 
 def replace_table(store: Store, data: bytes) -> Path:
-    """Put other bytes in place of the first survey's numbers."""
-    path = Path(store.path(store.tables()[0].table))
+    """Put other bytes in place of the first survey's numbers, and their hash into the list of its files."""
+    place = store.tables()[0]
+    path = Path(store.path(place.table))
     path.write_bytes(data)
+    listed_anew(store, place)
     return path
 
 
@@ -195,7 +198,7 @@ class TestColumns:
             name, column = next(iter(columns.items()))
             table = tables.index_of([(rows(1).cast(tables.SCHEMA), store.tables()[0].folder)])
             table = table.set_column(table.schema.get_field_index(name), name, column)
-            Path(store.path(INDEX)).write_bytes(to_parquet(table))
+            Path(store.path(INDEX)).write_bytes(sealed(to_parquet(table)))
             with pytest.raises(DataError, match=INDEX):
                 series_of(store)
             assert refresh_index(store, most_loose=0) == 2, "an index that is damaged is made anew"

@@ -374,11 +374,19 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
 
 
 def test_the_page_answers_here_and_to_nobody_elses_name(store: Store) -> None:
-    app = create_app(Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"), "en")
-    assert visit(app, "/", "localhost:8430")[0] == 200
-    assert visit(app, "/", "evil.example")[0] == 421
-    status, body = visit(app, "/trend.json", "127.0.0.1")
+    app = create_app(Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"), "en", "a token")
+    assert visit(app, "/", "localhost:8430", token="a%20token")[0] == 200
+    assert visit(app, "/", "evil.example", token="a%20token")[0] == 421
+    status, body = visit(app, "/trend.json", "127.0.0.1", token="a%20token")
     assert (status, len(json.loads(body)["series"])) == (200, 3)
+
+
+@pytest.mark.parametrize("path", ["/", "/trend.json", "/trend.csv"])
+def test_the_page_answers_nobody_without_the_token(store: Store, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stepdiag.page.security.DELAY_S", 0.0)
+    app = create_app(Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"), "en", "a token")
+    assert visit(app, path, "localhost:8430")[0] == 401
+    assert visit(app, path, "localhost:8430", token="another")[0] == 401
 
 
 def test_a_function_takes_at_most_a_kilobyte() -> None:

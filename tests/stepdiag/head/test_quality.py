@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file, render_head_file
+from stepdiag.daq.survey.head_file import AxisTable
 from stepdiag.fourdof.calibrated import calibrated as head_of
-from stepdiag.fourdof.commissioning import StageRun, calibrate_axis, compare_curves, signs_of, stability_of, with_curve
+from stepdiag.fourdof.commissioning import StageRun, calibrate_axis, compare_curves, stability_of, with_curve
 from stepdiag.fourdof.record import HeadRecord
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, motion
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
@@ -149,27 +149,3 @@ def test_comparison_residuals_are_within_the_published_ones():
     for name, (low, high) in {"EXZ": (-2.4, 1.1), "EYZ": (-3.9, 3.8), "EBZ": (-1.8, 1.3), "EAZ": (-2.8, 2.4)}.items():
         assert low < found[name].lowest <= found[name].highest < high, name
         assert found[name].rms < 1.0
-
-
-@pytest.mark.parametrize(("x", "y"), [((1, 1, 1), (1, 1, 1)), ((1, -1, 1), (1, 1, -1)), ((1, -1, -1), (1, -1, 1))])
-def test_signs_and_lever_come_out_of_a_wobble_at_two_distances(x, y):
-    """Any fold mirrors before PSD1 and PSD2; the lever is distance + 30 mm (half of the 60 mm back to the QD).
-
-    A spot of 4 mm stays as it is over 3 m; one of 2 mm grows, and its QD answers 3 % less at 2.5 m, which looks like a shorter lever.
-    """
-    turned = [SpotDetector(sign=(float(x[i]), float(y[i])), noise=2e-5) for i in range(3)]
-    optics = HeadOptics(waist_mm=4.0, qd=turned[0], psd1=turned[1], psd2=turned[2])
-    wide = AxisTable(kind="erf", coefficients_um=(0.0, 4000.0 / math.sqrt(2.0)), low=-0.9, high=0.9)
-    file = head_file(lever=LeverTable(), qd=DetectorTable(x=wide, y=wide))
-    wobbles = [(d, standing(d, 20.0, pointing=100.0, period_s=3.0, rate_hz=50.0, optics=optics)) for d in (500.0, 1500.0)]
-    found = signs_of(wobbles, file)
-    signs = [(found.file.detector(name).x.sign, found.file.detector(name).y.sign) for name in ("qd", "psd1", "psd2")]
-    assert signs == list(zip(x, y, strict=True))
-    assert found.file.lever.dead_path_mm == pytest.approx(30.0, abs=5.0)
-    assert found.file.lever.scale == pytest.approx(1.0, abs=0.01)
-    assert not found.findings
-    lever = parse_head_file(render_head_file(found.file).encode(), "signed.toml").lever
-    assert lever == found.file.lever
-    # the middle of the distances lies nearer to the one whose lever is known better
-    assert 500.0 <= lever.u_at_mm <= 1500.0
-    assert lever.u_at(np.array([lever.u_at_mm + 1000.0]))[0] == pytest.approx(np.hypot(lever.u_mm, 1000.0 * lever.u_scale))

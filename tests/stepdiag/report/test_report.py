@@ -22,14 +22,12 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.interval import with_expanded
-from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.members import SetupReport, Source
 from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import require_alike
 from stepdiag.conclusion import conclude
-from stepdiag.daq.recording.archive import digest
-from stepdiag.daq.records.events import Chunk
 from stepdiag.report.certificate import as_left, effect_table, facts_table, read_letterhead
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings import svg
@@ -49,7 +47,6 @@ from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.exact.members import members
 from testkit.exact.surveys import solved
-from testkit.recording import START_NS, write_log
 
 
 class Outline(HTMLParser):
@@ -241,7 +238,9 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
     by_name = {row[0].partition(" /")[0]: row for row in table.rows}
     rms = by_name["Volumetric error, rms (k = 2)"]
     assert (rms[1], rms[4]) == (" … ".join(before.predicted.without_rigid_motion["before"].rms_um.shown()), "5")
-    assert rms[5] == "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
+    assert rms[5].replace("\N{NO-BREAK SPACE}", " ") == (
+        "as found: not conform (< 1 %); predicted: conform (> 99 %); as left: not conform (< 1 %)"
+    )
     expanded = 2.0 * before.squareness["C0Y"].u
     assert by_name["C0Y"][2] == with_expanded(0.0, expanded)
     assert by_name["C0Y"][3] == with_expanded(later.squareness["C0Y"].value, 2 * later.squareness["C0Y"].u).replace("-", "−")
@@ -458,20 +457,13 @@ def test_a_wavelength_keeps_its_digits() -> None:
     assert "632.991" in [row[1] for row in rows]
 
 
-def test_the_annex_lists_the_logs_with_their_hashes(tmp_path: Path) -> None:
-    """Those that lie beside the result, in the order of their recording; a result without logs has no such table."""
-    (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
-    alone = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "alone.html")])
-    assert alone.exit_code == 0, alone.output
-    assert "Recordings" not in (tmp_path / "alone.html").read_text(encoding="utf-8")
-    for count in (2, 1):
-        write_log(tmp_path / f"000{count}.mcap", [Chunk("laser", START_NS, b"x" * count)])
-    (tmp_path / "0003.mcap").write_bytes(b"no log at all")
-    run = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "report.html")])
-    assert run.exit_code == 0, run.output
-    html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    digests = [digest(tmp_path / name) for name in ("0001.mcap", "0002.mcap")]
-    assert 0 < html.index(digests[0]) < html.index(digests[1]) < html.index("damaged")
+def test_the_annex_lists_the_sources_with_their_hashes(tmp_path: Path) -> None:
+    """Those that the result names, wherever they stand; a result that names none has no such table."""
+    result = made_up_result()
+    assert "<h3>Sources</h3>" not in build_report(result, source="result.json").html
+    sources = tuple(Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64) for count in (1, 2))
+    html = build_report(replace(result, sources=sources), source="result.json").html
+    assert 0 < html.index("0001.mcap") < html.index("1" * 64) < html.index("0002.mcap") < html.index("2" * 64)
 
 
 def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
@@ -489,6 +481,16 @@ def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
     assert "after.json" in html
     with pytest.raises(DataError, match="VM 700"):
         require_alike(read_result(paths["before"]), read_result(paths["other"]))
+
+
+def test_conclusion_of_a_survey_after_loading_has_its_verdict_and_no_step_before_it() -> None:
+    before = with_tolerance(solved(1), {"volumetric_rms_um": 1000.0})
+    known = conclude(before)
+    left = as_left("later", conclude(before), known.reach, before)
+    alone, closed = (build_report(before, source="r", left=one).html for one in (None, left))
+    assert ("As left, measured again: conform." in closed, "As left, measured again" in alone) == (True, False)
+    assert ("<h3>Next step</h3>" in closed, "<h3>Next step</h3>" in alone) == (False, True)
+    assert ("as left (not measured yet)" in closed, "as left (not measured yet)" in alone) == (False, True)
 
 
 def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:

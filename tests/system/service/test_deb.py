@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from testkit.exact.surveys import DATA
-from testkit.running.boot import CHECKOUT, as_root, built_wheel, debian_root
+from testkit.installing import SURVEY
+from testkit.running.boot import CHECKOUT, as_root, booted, built_wheel, debian_root, write
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
+ACCOUNTS = ("stepdiag", "stepdiag-page", "stepdiag-publish")
 MACHINES = {"amd64": 62, "arm64": 183}
 """``e_machine`` of an ELF file (elf.h): EM_X86_64, EM_AARCH64."""
 
@@ -121,6 +123,52 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
         as_root("rm", "-rf", readme, root / "etc/stepdiag/deb-test.toml")
     assert not (root / "opt/stepdiag").exists()
     assert not (root / "usr/bin/stepdiag").is_symlink()
+
+
+@pytest.mark.parametrize("package", [HOST], indirect=True)
+def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measured(package):
+    """Under a real systemd: installed, upgraded while a recorder runs (refused) and after it, removed, purged."""
+    _, file = package
+    root = debian_root()
+    survey, log = root / "etc/stepdiag/mill.toml", root / "var/lib/private/stepdiag/mill/0001/0001.mcap"
+    old = root / "etc/systemd/system/stepdiag@.service"
+    for each in (*root.glob("etc/systemd/system/stepdiag*"), *root.glob("etc/systemd/system/*.wants/stepdiag*")):
+        as_root("rm", "-rf", each)  # what the test of the boot has left
+    as_root("rm", "-rf", root / "opt/stepdiag", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
+    as_root("cp", file, root / "opt/stepdiag.deb")
+    try:
+        with booted(root, "stepdiag-deb-test") as system:
+            install = ("dpkg", "--install", "/opt/stepdiag.deb")
+            system.run(*install)
+            assert [system.run("id", "-un", name).strip() for name in ACCOUNTS] == list(ACCOUNTS)
+            write(survey, SURVEY)
+            write(old, "a copy of an older version\n")
+            system.run("stepdiag", "service", "install", "/etc/stepdiag/mill.toml")
+            assert not old.exists(), "it would hide the package's unit for ever"
+            written = {path.name for path in root.glob("etc/systemd/system/stepdiag*")}
+            assert written == {"stepdiag@mill.service.d", "stepdiag-page@mill.service.d", "stepdiag-page@mill.socket.d"}
+            system.run("systemctl", "daemon-reload")
+            system.run("systemctl", "enable", "--now", "stepdiag-page@mill.socket")
+            for extra in ("snap7", "pyLSV2", "aiomqtt", "asyncua", "pyarrow", "distributed", "signxml"):
+                system.run("/opt/stepdiag/bin/python", "-c", f"import {extra}")
+
+            system.run("systemctl", "start", "stepdiag@mill.service")  # without its instruments: that is a state, no failure
+            refused = system.run(*install, check=False)
+            assert system.run("systemctl", "is-active", "stepdiag@mill.service").strip() == "active"
+            assert system.run("dpkg-query", "--show", "--showformat=${Status}", "stepdiag") == "install ok installed", refused
+            system.run("systemctl", "stop", "stepdiag@mill.service")
+            system.run(*install)
+
+            write(log, "measured")
+            system.run("dpkg", "--remove", "stepdiag")
+            assert system.run("systemctl", "is-active", "stepdiag-page@mill.socket", check=False).strip() == "inactive"
+            assert list(root.glob("etc/systemd/system/*.wants/stepdiag*")) == []
+            told = system.run("dpkg", "--purge", "stepdiag")
+            assert "/var/lib/private/stepdiag stays" in told
+            assert list(root.glob("etc/systemd/system/stepdiag*")) == []
+            assert (log.read_text(), survey.read_text()) == ("measured", SURVEY)
+    finally:
+        as_root("rm", "-rf", root / "opt/stepdiag.deb", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
 
 
 def test_the_wheel_is_a_tool_of_its_own(tmp_path):

@@ -139,7 +139,7 @@ OTHERS = {
     ("siemens-828d", refuses_the_slot): "check plc.rack and plc.slot",
     ("siemens-828d", hangs_up): "check plc.rack and plc.slot",
     ("heidenhain", web_server): "something else",
-    ("heidenhain", hangs_up): "closed by the other end",
+    ("heidenhain", hangs_up): "Connection reset by peer",
 }
 
 

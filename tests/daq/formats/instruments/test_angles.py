@@ -8,14 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.instruments.angles import ELCOMAT, URAD, WYLER, AnglesDecoder, AnglesSettings, AskedAnglesDecoder
+from stepdiag.daq.formats.instruments.angles import (
+    ELCOMAT,
+    ELCOMAT_GREETING,
+    URAD,
+    WYLER,
+    AnglesDecoder,
+    AnglesSettings,
+    AskedAnglesDecoder,
+)
 from stepdiag.daq.timing.samples import Flag
 
 ARCSEC = 4.84813681109536
 
 
 def elcomat():
-    decoder = AnglesDecoder(AnglesSettings(pattern=ELCOMAT, greeting="A"))
+    decoder = AnglesDecoder(AnglesSettings(pattern=ELCOMAT, greeting=ELCOMAT_GREETING))
     decoder.feed(b"cut\r", 1)
     return decoder
 
@@ -24,7 +32,7 @@ def test_an_elcomat_tells_two_angles_in_arc_seconds():
     samples = elcomat().feed(b"3 003 4.500000 -2.300000\r", 1)
     assert samples.channels == pytest.approx(np.array([[4.5, -2.3]]) * ARCSEC)
     assert not samples.flags.any()
-    assert elcomat().greeting == b"A"
+    assert elcomat().greeting == b"s\nA\n"
 
 
 @pytest.mark.parametrize(
@@ -35,6 +43,20 @@ def test_an_axis_that_is_not_valid_is_no_number(status, seen):
     samples = elcomat().feed(f"3 {status} 1.0 2.0\r".encode(), 1)
     assert tuple(np.isfinite(samples.channels[0])) == seen
     assert bool(samples.flags[0] & Flag.OUT_OF_RANGE) == (not all(seen))
+
+
+@pytest.mark.parametrize(
+    ("line", "arcsec"),
+    [
+        (b"3 003 -.5 .25\r", (-0.5, 0.25)),
+        (b"3 003 1.25e-2 -3E+1\r", (0.0125, -30.0)),
+        (b"3 0030 4.5 +2.\r", (4.5, 2.0)),
+        (b"3 0031 4.5 2.3\r", (4.5, 2.3)),
+    ],
+)
+def test_every_line_that_the_public_driver_reads_is_a_reading(line, arcsec):
+    """Its parser takes the third digit of a status of any length and what strtod takes (elcomat3000.cpp, lines 330 to 361)."""
+    assert elcomat().feed(line, 1).channels == pytest.approx(np.array([arcsec]) * ARCSEC)
 
 
 NOT_ABSOLUTE = [b"1 103 1.0 2.0", b"2 103 1.0 2.0", b"4 003 1.0 2.0", b"8 423 12 1 2001 300", b"3 003 1.0", b"3 004 1 2", b"\xff" * 300]

@@ -197,6 +197,13 @@ def test_a_port_that_is_not_there_is_refused_by_name(tmp_path):
         asyncio.run(stream.session(States()))
 
 
+def test_an_adapter_that_came_back_under_another_number_is_offered(tmp_path, monkeypatch):
+    monkeypatch.setattr(tty, "present_ports", lambda: {"/dev/ttyUSB1": "FT232R"})
+    stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyUSB0")), lambda *_: None)
+    with pytest.raises(DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*costs no pass"):
+        asyncio.run(stream.session(States()))
+
+
 def test_a_port_in_use_by_another_is_refused(pty):
     other = OpenPort(settings(pty))
     with pytest.raises(DeviceError, match="another program has the port open"):

@@ -117,20 +117,21 @@ def _spoiled(chunk):
 class Program:
     """Drives the passes of a survey one after the other and meets its faults."""
 
-    def __init__(self, machine, *, size=BOX_MM, n=2, back=False, faults=(), seed=0, decimals=None, swapped=()):
-        self.machine, self.back = machine, back
+    def __init__(self, machine, *, size=BOX_MM, n=2, back=False, faults=(), seed=0, decimals=None, swapped=(), order="xyz", dwell_s=0.55,
+                 overrun=True):  # fmt: skip
+        self.machine, self.back, self.order, self.dwell_s = machine, back, order, dwell_s
         self.box = Box(size_mm=size, increments=n, decimals=decimals)
         self.stops, self.spans, self.count_mm = [], [], 0.0
         self.faults = list(faults)
         self.rng = np.random.default_rng(seed)
-        self.swapped = dict(swapped)
+        self.swapped, self.overrun = dict(swapped), overrun
 
     def drive(self, setup, passes=None):
         """Drive the passes of a setup: the mirror is set up for it first, with the beam interrupted."""
         driven = self.swapped.get(setup, setup)
         how = Alignment() if "-" in setup else Alignment(mirror_mrad=(0.3, -0.2))
         numbers = passes or ((1, 2) if self.back else (1,))
-        first = simulate_pass(self.machine, self.box, driven, numbers[0], alignment=how)
+        first = simulate_pass(self.machine, self.box, driven, numbers[0], alignment=how, axis_order=self.order)
         self._stand(first.position_mm[0], 0.0, setup=0, seconds=0.6, shown=False, counts=0)
         self.spans.append(("lost", len(self.stops) - 1, float(self.rng.uniform(-50, 50))))
         self.count_mm = -first.first_mm
@@ -138,13 +139,14 @@ class Program:
             self._pass(setup, driven, number, how)
 
     def _pass(self, setup, driven, number, how):
-        taken = simulate_pass(self.machine, self.box, driven, number, alignment=how)
+        taken = simulate_pass(self.machine, self.box, driven, number, alignment=how, axis_order=self.order)
         reads = taken.first_mm + taken.reading_mm
         placed = aligned_setup(self.machine, self.box, driven, how)
         name = NUMBERS[setup]
         towards = 2.0 * np.sign(taken.position_mm[1] - taken.position_mm[0])
         before_mm = -2.0 if number % 2 else 2.0
-        self._stand(taken.position_mm[0] - towards, reads[0], setup=name, seconds=0.03, shown=False, counts=0, off_mm=before_mm)
+        if self.overrun:
+            self._stand(taken.position_mm[0] - towards, reads[0], setup=name, seconds=0.03, shown=False, counts=0, off_mm=before_mm)
         stop, beside = 0, {}
         while stop < len(reads):
             here = [fault for fault in self.faults if (fault.setup, fault.number, fault.stop) == (setup, number, stop)]
@@ -156,7 +158,7 @@ class Program:
                 stop += 1
                 continue
             beside = {"shown": "unsignalled" not in kinds, "counts": {"doubled": 2, "missed": 0}.get(next(iter(kinds), ""), 1)}
-            self._stand(taken.position_mm[stop], reads[stop], setup=name, seconds=kinds.get("cut", 0.55), **beside)
+            self._stand(taken.position_mm[stop], reads[stop], setup=name, seconds=kinds.get("cut", self.dwell_s), **beside)
             at = len(self.stops) - 1
             self.spans += [(kind, at, value) for kind, value in kinds.items()]
             if "hold" in kinds and stop + 1 < len(reads):
@@ -177,13 +179,19 @@ class Program:
                 continue
             stop += 1
 
+    def finish(self, seconds=3.0):
+        """Leave the last stop: a machine without signals shows only so that it has stood there."""
+        last = self.stops[-1]
+        self.stops.append(Standstill(last.position, last.reading + 7.0, 0, seconds, 0, False))
+
     def _stand(self, position, reading, *, setup, seconds=0.55, shown=True, counts=1, off_mm=0.0):
         place = tuple(float(value) for value in position)
         self.stops.append(Standstill(place, float(reading + self.count_mm + off_mm), setup, seconds, counts, shown))
 
-    def events(self, *, noise_um=0.1, **more):
-        """Return everything that recorder and PLC link would hand over."""
-        bench = Bench(self.stops, seed=3, rate_hz=RATE_HZ, poll_hz=POLL_HZ, noise_um=noise_um, move_s=0.3, lost_mm=0.0, **more)
+    def events(self, *, noise_um=0.1, bench=Bench, **more):
+        """Return everything that recorder and PLC link would hand over; ``bench`` is the class of the timeline."""
+        pace = {"rate_hz": RATE_HZ, "poll_hz": POLL_HZ, "move_s": 0.3, "lost_mm": 0.0}
+        bench = bench(self.stops, seed=3, noise_um=noise_um, **(pace | more))
         times = bench.schedule()
         for kind, at, value in self.spans:
             begin, end = times[at]
@@ -293,6 +301,8 @@ class Judged:
     after_um: float | None
     codes: frozenset
     words: str
+    lines: tuple = ()
+    """The lines of the survey file that the result's findings name."""
 
 
 def judged(folder, logs, machine, size=BOX_MM):
@@ -303,6 +313,7 @@ def judged(folder, logs, machine, size=BOX_MM):
     if told.code not in (0, 3) or not result.exists():
         return Judged(told.code, None, None, before, None, frozenset(), told.refusal or told.out)
     findings = json.loads(result.read_text(encoding="utf-8"))["findings"]
+    lines = tuple(line for each in findings for line in _lines_of(each.get("arguments")))
     codes, words = frozenset(each["code"] for each in findings if each["severity"] != "info"), " | ".join(each["text"] for each in findings)
     profile = folder / "siemens.toml"
     axes = (
@@ -315,10 +326,18 @@ def judged(folder, logs, machine, size=BOX_MM):
     out = folder / "export"
     done = stepdiag("export", result, "--controller", "siemens", "--profile", profile, "--out", out)
     if done.code:
-        return Judged(told.code, done.code, None, before, None, codes, f"{words} | {done.refusal}")
+        return Judged(told.code, done.code, None, before, None, codes, f"{words} | {done.refusal}", lines)
     files = [path for path in sorted(out.glob("*.INI")) if "_RESTORE" not in path.name]
     verified = stepdiag("verify", result, *files, "--profile", profile)
-    return Judged(told.code, 0, verified.code, before, rms_um(machine, files, size), codes, words)
+    return Judged(told.code, 0, verified.code, before, rms_um(machine, files, size), codes, words, lines)
+
+
+def _lines_of(arguments):
+    """Return the lines of the survey file that a finding's message names, itself or within another."""
+    if not isinstance(arguments, dict):
+        return []
+    own = [str(arguments["line"])] if "line" in arguments else []
+    return own + [line for value in arguments.values() for line in _lines_of(value)]
 
 
 def rms_um(machine, files, size=BOX_MM):

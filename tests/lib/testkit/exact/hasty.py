@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 
 from stepdiag.base.compensation import Statement, stated
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_set
 from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.proof.judge import prove
 from stepdiag.exporters.safety.read_back import compare
-from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.safety.verify import acting_in, verify_files
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.profile import Profile
 from testkit.exact.machines import profile_of
@@ -39,6 +41,8 @@ MACHINE_DATA = {
 }  # fmt: skip
 SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ", "EZY", -1.0)}
 """By contract 1: the function that holds a squareness, the other one of the pair, and the sign of their slopes."""
+STEPS = 10
+"""Increments of the diagonal and the line of a proof run."""
 DONE = ("whole", "twice", "half", "another machine", "old files again", "a switch forgotten")
 ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "travel-not-covered")
 """What a hasty person accepts unread; nothing that asks about the compensation."""
@@ -72,9 +76,9 @@ class Hall:
             lean = 8.0 * self.dice.normal() if name[1] == name[2] or name in {held for held, _, _ in SQUARE.values()} else 0.0
             self.truth[name] = bow + lean * along
 
-    def added_um(self, name: str) -> Values:
-        """Return what the control adds at the nodes, from its variables and switches."""
-        at = VOLUME.nodes_mm("XYZ".index(name[2]))
+    def added_um(self, name: str, at: Values | None = None) -> Values:
+        """Return what the control adds at positions (the nodes where none are given), from its variables and switches."""
+        at = VOLUME.nodes_mm("XYZ".index(name[2])) if at is None else at
         held, added = self.control.held, np.zeros(at.shape)
         if name[1] == name[2] and held.get(f"$MA_ENC_COMP_ENABLE[0,{AXES[name[1]]}]") == "1":
             added = added - self._table("$AA_ENC_COMP[0,{}," + AXES[name[1]] + "]", f"$AA_ENC_COMP_{{}}[0,{AXES[name[1]]}]", at)
@@ -115,6 +119,28 @@ class Hall:
         square = {name: sign * 1000.0 * (slopes[one] + slopes[other]) for name, (one, other, sign) in SQUARE.items()}
         return made_result(shapes, squareness=square, u_um=0.3)
 
+    def readings(self) -> Readings:
+        """Return what a laser reads along a diagonal and a line, out and back, with 0.3 um of noise; the mirror leans anew each time."""
+        rows, size = [], np.array(VOLUME.size_mm)
+        for setup in ("ppp", "linear-x"):
+            nodes = np.arange(3 * STEPS + 1 if setup == "ppp" else STEPS + 1)
+            counts = [(nodes + 2 - axis) // 3 for axis in range(3)] if setup == "ppp" else [nodes, 0 * nodes, 0 * nodes]
+            out = np.array(VOLUME.origin_mm) + np.column_stack(counts) * size / STEPS
+            along = (out[-1] - out[0]) / np.linalg.norm(out[-1] - out[0])
+            lean = 5e-4 * self.dice.normal(size=3) * (setup == "ppp")
+            error = np.zeros(out.shape)
+            for name, truth in self.truth.items():
+                axis = "XYZ".index(name[2])
+                held = np.interp(out[:, axis], VOLUME.nodes_mm(axis), truth) + self.added_um(name, out[:, axis])
+                error[:, "XYZ".index(name[1])] += held
+            mean = out @ (along + lean - (lean @ along) * along) + 1e-3 * (error @ along)
+            for number in range(1, 5):
+                order = slice(None) if number % 2 else slice(None, None, -1)
+                read = (mean + 3e-4 * self.dice.normal(size=len(out)))[order]
+                rows += [(setup, number, stop, at, one - read[0]) for stop, (at, one) in enumerate(zip(out[order], read, strict=True))]
+        setups, numbers, stops, places, values = zip(*rows, strict=True)
+        return make_readings(setup=setups, pass_number=numbers, stop=stops, position_mm=np.array(places), reading_mm=values)
+
     def switch(self, on: str) -> None:
         """Switch kinds of table: "all", "eec", "cec", "none"."""
         for name in list(self.control.held):
@@ -132,8 +158,11 @@ def stories() -> Iterator[Story]:
                 yield Story(old=True, on=on, stated=said, done=done)
 
 
-def lived(story: Story, seed: int, folder: Path) -> tuple[str, float, float]:
-    """Return what stopped a story ("" where nothing did, with exit code 0 to its end), and the true rms before and after in um."""
+def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tuple[str, float, float]:
+    """Return what stopped a story ("" where nothing did, with exit code 0 to its end), and the true rms before and after in um.
+
+    Its last step is to read back what the control holds, or a ``proof`` run in its place.
+    """
     hall, base = Hall(seed), profile_of("siemens", VOLUME)
     archive: tuple[ControlFile, ...] = ()
     if story.old:
@@ -144,6 +173,7 @@ def lived(story: Story, seed: int, folder: Path) -> tuple[str, float, float]:
         hall.switch("all")
     before = hall.errs_um()
     hall.switch(story.on)
+    along = hall.readings() if proof else None
     measured, data = hall.survey(), tuple(file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name)
     hall.switch("all")
     profile = replace(base, existing=data, machine=msgspec.structs.replace(base.machine, measured_with=story.stated))
@@ -167,6 +197,9 @@ def lived(story: Story, seed: int, folder: Path) -> tuple[str, float, float]:
         _load(hall, files)
     if story.done == "a switch forgotten":
         hall.control.held["$SN_CEC_TABLE_ENABLE[2]"] = "0"
+    if along is not None:
+        found = prove(measured, along, hall.readings(), *acting_in(measured, SIEMENS, tables, profile))
+        return "" if found.action == "keep" else f"proof run: {found.action}", before, hall.errs_um()
     (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
     hall.control.run(reader.data.decode("ascii"))
     held = ControlFile(name="STEPDIAG_BACK.INI", data=hall.control.read_out().encode("ascii"))

@@ -16,7 +16,7 @@ from testkit.exact.machines import MACHINES, profile_text
 from testkit.exact.results import VOLUME
 from testkit.hostile.door import LOG, Door
 from testkit.hostile.doors_shop import shop_doors
-from testkit.hostile.foreign import ANGLES, CURVES, FAR_SAMPLES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
+from testkit.hostile.foreign import ANGLES, CURVES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
 from testkit.hostile.foreign_logs import SURVEY, contents, recorded
 from testkit.hostile.foreign_tables import RESULT as TABLED
 from testkit.hostile.foreign_tables import Everything
@@ -122,12 +122,9 @@ def _logs() -> Iterator[tuple[str, Door]]:
 
 
 def _head() -> Iterator[tuple[str, Door]]:
-    samples, head = {"near.csv": HEAD_SAMPLES.decode(), "far.csv": FAR_SAMPLES.decode()}, {"head.toml": HEAD}
+    samples, head = {"near.csv": HEAD_SAMPLES.decode()}, {"head.toml": HEAD}
     calibration = ("--calibration", "head.toml")
-    signs = ("fourdof", "signs", "--at", "300=near.csv", "--at", "900=far.csv", *calibration, "--out", "signed.toml")
     yield "fourdof align", Door(("fourdof", "align", "near.csv"), samples, "near.csv", wrong_csv)
-    yield "fourdof signs samples", Door(signs, {**samples, **head}, "near.csv", wrong_csv)
-    yield "fourdof signs head", Door(signs, {**samples, **head}, "head.toml", wrong_toml)
     stability = ("fourdof", "stability", "near.csv", *calibration, "--distance-mm", "500")
     yield "fourdof stability", Door(stability, {**samples, **head}, "near.csv", wrong_csv)
     calibrate = ("fourdof", "calibrate", "--run", "psd2.x=stage.csv", "--base", "head.toml", "--out", "new.toml")

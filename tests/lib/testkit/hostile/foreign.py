@@ -45,7 +45,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.fourdof.calibrated import calibrated
-from stepdiag.fourdof.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, signs_of, stability_of
+from stepdiag.fourdof.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, stability_of
 from stepdiag.fourdof.record import read_head_csv
 from stepdiag.page.app import Page
 from stepdiag.page.messages import PageSettings
@@ -235,15 +235,11 @@ def _head_file(data: bytes) -> object:
     file = parse_head_file(data, "foreign")
     render_head_file(file)
     record = read_head_csv(HEAD_SAMPLES.decode(), "")
-    with suppress(StepdiagError):
-        signs_of([(300.0, record), (900.0, record)], file)
     return motion(record.channels, np.full(len(record.channels), 500.0), calibrated(file))
 
 
 def _head_samples(data: bytes) -> object:
     record = read_head_csv(text_of(data), "foreign")
-    with suppress(StepdiagError):
-        signs_of([(300.0, record), (900.0, record)], head_file())
     return stability_of(record, head_file(), 500.0, 1.0)
 
 

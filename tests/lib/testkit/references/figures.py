@@ -30,7 +30,7 @@ from stepdiag.base.volume import (
     reads_like_metres,
 )
 from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
-from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
+from stepdiag.solver.fourdof.commissioning import fit_curve
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
 from stepdiag.solver.fourdof.drift import slow_drift
 from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
@@ -177,18 +177,11 @@ def _of_mount(mount, given):
 
 
 def commissioning(given):
-    """Return signs and levers, lever lines and curves, or their refusals."""
+    """Return curves, or their refusals."""
     return {
-        "signs": [refused(lambda some: signs_and_lever([Standstill(**arrays(one)) for one in some]), each) for each in given["wobbles"]],
-        "lines": [_of_line(arrays(one)) for one in given["levers"]],
         "curves": [refused(lambda each: fit_curve(**each), one) for one in given["curves"]],
         "erf": inverse_erf(np.array(given["erf"])),
     }
-
-
-def _of_line(one):
-    line = lever_line(**one)
-    return {"line": plain(line), "at": [[line.at(mm), line.u_at(mm)] for mm in (0.0, 130.0, 2500.0)]}
 
 
 def drifts(given):

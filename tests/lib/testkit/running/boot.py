@@ -16,6 +16,7 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[4]
 ROOT = CHECKOUT / ".setup" / "systemd-root"
+LIBRARIES = "[Service]\nBindReadOnlyPaths=/opt/libraries\n"
 ELEVATED = () if os.geteuid() == 0 else ("sudo", "-n")
 
 
@@ -60,8 +61,12 @@ def built_wheel(folder):
 def install_units(root, instance, drop_in):
     """Copy what the wheel brought for systemd to its places, and enable an instance."""
     came = root / "opt/stepdiag/share/stepdiag/systemd"
-    write(root / "etc/systemd/system/stepdiag@.service", (came / "stepdiag@.service").read_text())
+    for unit in ("stepdiag@.service", "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag-publish@.service"):
+        write(root / "etc/systemd/system" / unit, (came / unit).read_text())
     write(root / "etc/systemd/system/stepdiag@.service.d/test.conf", drop_in)
+    write(root / "etc/systemd/system/stepdiag-page@.service.d/test.conf", LIBRARIES)
+    write(root / "etc/sysusers.d/stepdiag.conf", (came / "stepdiag.sysusers.conf").read_text())
+    as_root("systemd-sysusers", f"--root={root}")
     write(root / "etc/udev/rules.d/90-stepdiag.rules", (came / "90-stepdiag.rules").read_text())
     write(root / "etc/modules-load.d/stepdiag.conf", (came / "stepdiag.modules.conf").read_text())
     as_root("systemctl", "--quiet", f"--root={root}", "enable", f"stepdiag@{instance}")

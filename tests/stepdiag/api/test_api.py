@@ -20,19 +20,28 @@ READINGS = DATA / "golden_stepdiag_rigidbody_FXYZ.csv"
 def test_the_public_names_are_these():
     """A name that goes breaks somebody's program."""
     assert set(api.__all__) == {
+        "Comparison",
         "Readings",
         "RecordedLog",
         "Result",
+        "compare",
         "export",
+        "frame",
         "load_angles",
         "load_readings",
         "load_result",
         "load_straightness",
         "make_readings",
+        "plan",
+        "plot_closure",
+        "plot_field",
+        "plot_functions",
         "read_log",
         "render_readings",
+        "report",
         "save_result",
         "solve",
+        "table",
         "verify",
     }
 

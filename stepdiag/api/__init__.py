@@ -1,4 +1,4 @@
-"""The public Python door: readings in, result out; files and their prediction; a log as numpy arrays.
+"""The public Python door: readings in, result out; files and their prediction; a log as numpy arrays; tables and plots of all of them.
 
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
@@ -9,21 +9,16 @@ Everything here is kept from version to version; what the floors' rooms hold bes
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from stepdiag.base.files import read_text, write_once
+from stepdiag.api.plots import plot_closure, plot_field, plot_functions
+from stepdiag.api.recorded import RecordedLog, read_log
+from stepdiag.api.tables import frame, table
+from stepdiag.base.files import read_hashed, read_text, write_hashed
 from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.base.result.result import Result, parse_result
-from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.log.contents import open_log
-from stepdiag.daq.records.events import Chunk, LinkEvent
-from stepdiag.daq.replay import replay
-from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.formats import laser_decoder
-from stepdiag.daq.timing.samples import Samples
+from stepdiag.comparing.compare import Comparison, compare
 from stepdiag.exporters.export.export import export as export_files
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.sets import read_given
@@ -35,30 +30,34 @@ from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.straightness_file import parse_straightness
 
+if TYPE_CHECKING:
+    from stepdiag.solver.planning.planner import Advice
+
 __all__ = [
+    "Comparison",
     "Readings",
     "RecordedLog",
     "Result",
+    "compare",
     "export",
+    "frame",
     "load_angles",
     "load_readings",
     "load_result",
     "load_straightness",
     "make_readings",
+    "plan",
+    "plot_closure",
+    "plot_field",
+    "plot_functions",
     "read_log",
     "render_readings",
+    "report",
     "save_result",
     "solve",
+    "table",
     "verify",
 ]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedLog:
-    """One log in numbers. ``laser`` holds every sample in columns; ``stops`` what the synchroniser made of them, in order."""
-
-    laser: Samples
-    stops: tuple[CapturedStop, ...]
 
 
 def load_readings(path: Path | str) -> Readings:
@@ -81,12 +80,12 @@ def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
 
 def load_result(path: Path | str) -> Result:
     """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as `load_readings`."""
-    return parse_result(read_text(Path(path)), Path(path).name)
+    return parse_result(read_hashed(Path(path)), Path(path).name)
 
 
 def save_result(result: Result, path: Path | str) -> None:
     """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where another file is in its place."""
-    write_once(Path(path), result.to_json())
+    write_hashed(Path(path), result.to_json())
 
 
 def export(
@@ -115,32 +114,28 @@ def verify(result: Result, files: Sequence[Path | str], *, profile: Path | str |
     return verify_files(result, read, found)
 
 
-def read_log(path: Path | str) -> RecordedLog:
-    """Return a log as numpy arrays: every sample of its laser, decoded again from the raw bytes, and its stops.
+def plan(survey: Path | str, *, minutes: float | None = None, target_um: float | None = None) -> "Advice":
+    """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag plan`` prints them.
 
-    Raises ``DataError`` for a file that is no log of ours.
+    ``minutes`` is the time there is, ``target_um`` what compensation may leave (rms over the volume).
+    Raises ``UsageError`` for a file that is no survey.
     """
-    log = open_log(Path(path))
-    decoder = laser_decoder(parse_survey(log.header.survey_text, f"{Path(path).name}: survey.toml"))
-    batches = [decoder.feed(b"", 0)]
-    for event in log.events():
-        match event:
-            case Chunk(stream="laser"):
-                batches.append(decoder.feed(event.data, event.arrival_ns))
-            case LinkEvent(link="laser") if event.interrupts:
-                decoder.resync()
-            case _:
-                pass
-    outcomes = (each for one in replay([Path(path)]).logs for each in one.outcomes)
-    return RecordedLog(laser=_joined(batches), stops=tuple(each for each in outcomes if isinstance(each, CapturedStop)))
+    from stepdiag.completion.foreseen import circumstances
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.solver.planning.planner import plan as advise
+
+    found = load_survey(Path(survey))
+    return advise(found.planned, circumstances(found, Path(survey).parent), available_min=minutes, target_um=target_um)
 
 
-def _joined(batches: Sequence[Samples]) -> Samples:
-    """Return batches as one, their remarks left out: the replay tells them."""
-    return Samples(
-        counter=np.concatenate([batch.counter for batch in batches]),
-        position_mm=np.concatenate([batch.position_mm for batch in batches]),
-        beam=np.concatenate([batch.beam for batch in batches]),
-        flags=np.concatenate([batch.flags for batch in batches]),
-        arrival_ns=np.concatenate([batch.arrival_ns for batch in batches]),
-    )
+def report(
+    result: Result, out: Path | str, *, readings: Readings | None = None, language: Literal["en", "de"] = "en", pdf: bool = False
+) -> list[Path]:
+    """Write the readable report of a result and return the files: FILE.html, FILE.pdf, or a folder for the HTML and every figure as CSV.
+
+    Raises ``UsageError`` where another file is in its place, or where a PDF is asked for and no browser is found.
+    """
+    from stepdiag.report.document import build_report
+    from stepdiag.report.output import write_report
+
+    return write_report(build_report(result, source=result.source, readings=readings, language=language), Path(out), pdf=pdf)

@@ -1,0 +1,261 @@
+"""A survey file that was corrected after its logs: what another file changes, and the same logs read by it.
+
+A log is never written to. A correction is one JSON object a line in ``corrected.jsonl`` beside the logs: who, when, the lines that
+changed, and the survey file as it counts from then on. Where a pass ends depends on the file, so the logs of a round are read as one
+stream of events by the session that recorded them: a pass that a wrong map cut in two is whole again.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.log.codec import time_of
+from stepdiag.daq.log.contents import LogEnd, open_log
+from stepdiag.daq.log.topics import Note
+from stepdiag.daq.log.writer import ExitStatus, LogHeader
+from stepdiag.daq.passes.doubt import Doubt
+from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.verdicts import CORRECTED, append_line, lines_of
+from stepdiag.daq.records.events import Chunk, Event
+from stepdiag.daq.replay import Replayed, ReplayedLog, replay
+from stepdiag.daq.survey.amended import without_further
+from stepdiag.daq.survey.bundle import bundle_from_run
+from stepdiag.daq.survey.file import parse_survey, read_text
+from stepdiag.daq.survey.models import Survey
+
+NEW_ROUND = (
+    "survey.name",
+    "survey.machine",
+    "volume.size_mm",
+    "volume.origin_mm",
+    "volume.increments",
+    "plan.setups",
+    "plan.return_pass",
+    "plan.repeats",
+    "plan.targets",
+    "plan.beam_offset",
+)
+"""What changes how the machine is driven: another volume, target list or program."""
+READING = ("volume.axis_order", "plan.axis_orders", "laser", "plc", "head", "stop", "environment")
+"""What changes how registers and laser are read."""
+WAYS = (
+    "port",
+    "baud",
+    "bytesize",
+    "parity",
+    "stopbits",
+    "host",
+    "serial_port",
+    "unit",
+    "rack",
+    "slot",
+    "poll_hz",
+    "timeout_s",
+    "handshake",
+)
+"""How they are reached: whatever of it changes, the bytes in the logs stay what they are."""
+
+
+class Correction(msgspec.Struct, frozen=True, kw_only=True):
+    """One correction: when (seconds since 1970), by whom, which lines (``laser.sign: 1 -> -1``), and the file that counts from then on."""
+
+    time_s: float
+    name: str
+    changes: tuple[str, ...]
+    survey_text: str
+
+    def __str__(self) -> str:
+        moment = datetime.fromtimestamp(self.time_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+        return f"{moment}, {self.name}: {'; '.join(self.changes)}"
+
+
+class Change(msgspec.Struct, frozen=True):
+    """One line of a survey file that differs: its dotted name, and both values as JSON."""
+
+    line: str
+    before: str
+    after: str
+
+    def __str__(self) -> str:
+        return f"{self.line}: {self.before} -> {self.after}"
+
+    @property
+    def begins_round(self) -> bool:
+        """Tell whether the machine has to be driven anew."""
+        return _within(self.line, NEW_ROUND) and not self._renames
+
+    @property
+    def reads_otherwise(self) -> bool:
+        """Tell whether the logs are to be read anew."""
+        return self._renames or (_within(self.line, READING) and not any(part in WAYS for part in self.line.split(".")[1:2]))
+
+    @property
+    def _renames(self) -> bool:
+        """Tell whether the same setups stand in another order: the logs are of each other's setup."""
+        if self.line != "plan.setups":
+            return False
+        before, after = (sorted(msgspec.json.decode(value, type=list[str])) for value in (self.before, self.after))
+        return before == after
+
+
+def _within(line: str, names: Sequence[str]) -> bool:
+    return any(line == name or line.startswith(f"{name}.") for name in names)
+
+
+def changes(before: Survey, after: Survey) -> list[Change]:
+    """Return the lines in which two survey files differ, in the order of the file."""
+    return list(_differing("", msgspec.to_builtins(before), msgspec.to_builtins(after)))
+
+
+def _differing(name: str, before: Any, after: Any) -> Iterator[Change]:
+    if before == after:
+        return
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key in dict.fromkeys([*before, *after]):
+            yield from _differing(f"{name}.{key}".lstrip("."), before.get(key), after.get(key))
+        return
+    yield Change(name, msgspec.json.encode(before).decode(), msgspec.json.encode(after).decode())
+
+
+def corrections_in(folder: Path) -> tuple[Correction, ...]:
+    """Return the corrections of a round in order; the last one counts."""
+    return tuple(lines_of(folder / CORRECTED, Correction))
+
+
+def note_correction(folder: Path, correction: Correction) -> None:
+    """Add a correction, on disk when this returns. Raises UsageError where it cannot be written."""
+    append_line(folder / CORRECTED, msgspec.json.encode(correction))
+
+
+def text_of(folder: Path, logs: Sequence[Path]) -> str:
+    """Return the survey file that counts for a round: of the last correction, else of its last log; empty where there is no log."""
+    corrected = corrections_in(folder)
+    if corrected:
+        return corrected[-1].survey_text
+    return open_log(logs[-1]).header.survey_text if logs else ""
+
+
+def compared(recorded: str, text: str) -> list[Change] | None:
+    """Return what a survey file changes of the one that counts; None where the old one cannot be read any more.
+
+    Further setups are no change: what is recorded stays as it is.
+    """
+    if recorded == text:
+        return []
+    try:
+        before = parse_survey(recorded, "log")
+        return changes(before, without_further(parse_survey(text, "survey"), before))
+    except StepdiagError:
+        return None
+
+
+def drives_otherwise(recorded: str, text: str) -> bool:
+    """Tell whether a survey file wants the machine driven otherwise than the one that counts, or that one cannot be read any more."""
+    found = compared(recorded, text)
+    return found is None or any(each.begins_round for each in found)
+
+
+def must_reread(logs: Sequence[Path], text: str) -> bool:
+    """Tell whether the logs' own notes do not hold what a survey file makes of them."""
+    recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)
+    found = [compared(each, text) for each in recorded if each != text]
+    return any(each is None or any(change.reads_otherwise for change in each) for each in found)
+
+
+class _Nowhere:
+    """A sink that keeps nothing."""
+
+    def begin(self, path: Path, header: LogHeader) -> None:
+        pass
+
+    def admit(self, event: Event) -> tuple[Event, ...]:
+        return (event,)
+
+    def note(self, note: Note) -> None:
+        del note
+
+    def promise(self, note: Note, saved: Callable[[], object]) -> None:
+        del note
+        saved()
+
+    def end(self, status: ExitStatus, reason: str = "") -> None:
+        pass
+
+
+def replay_corrected(
+    logs: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
+) -> Replayed:
+    """Return what the logs of a round say by the survey file that counts: as they were recorded, or read by a corrected file.
+
+    ``survey_file`` stands for it where that cannot be used. Raises as `replay`.
+    """
+    text = read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
+    headers = [open_log(log).header for log in logs]
+    alike = all(header.survey_text == headers[0].survey_text for header in headers)
+    foreign = [compared(header.survey_text, text) for header in headers]
+    if not any(foreign) or any(each is None or any(change.begins_round for change in each) for each in foreign):
+        return replay(logs, survey_file, suspicions)  # which refuses logs of two surveys
+    if alike and not must_reread(logs, text):
+        return replace(replay(logs, survey_file, suspicions), survey=parse_survey(text, "survey.toml"), survey_text=text)
+    source = survey_file.name if survey_file is not None else f"{logs[0].name}: survey.toml"
+    session, found = reread(logs, text, source, suspicions)
+    replayed = tuple(ReplayedLog(log, tuple(outcome for path, outcome in found if path == log), _end_of(log)) for log in logs)
+    return Replayed(
+        session.survey,
+        text,
+        bundle_from_run(headers[0].run, str(logs[0])),
+        dict(headers[-1].run),
+        session.book,
+        replayed,
+        tuple(outcome for _, outcome in found if isinstance(outcome, Finding)),
+    )
+
+
+def _end_of(path: Path) -> LogEnd | None:
+    """Return how a log ended."""
+    log = open_log(path)
+    for _ in log.events():
+        pass
+    return log.end
+
+
+def reread(
+    logs: Sequence[Path], text: str, source: str, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
+) -> tuple[Session, list[tuple[Path, Outcome]]]:
+    """Return the session that has read the events of a round's logs by a survey file, and what each log brought about.
+
+    What a log repeats from before it was opened is read once. Raises as `parse_survey` and `open_log`.
+    """
+    survey = parse_survey(text, source)
+    found: list[tuple[Path, Outcome]] = []
+    at, offset_ns = logs[0], open_log(logs[0]).header.wall_offset_ns
+    session = Session(
+        survey, text, Round(logs[0].parent, {}), _Nowhere(), on_outcome=lambda outcome: found.append((at, outcome)),
+        wall_offset_ns=lambda: offset_ns,
+    )  # fmt: skip
+    session.book.foretell(suspicions)
+    recorded = parse_survey(open_log(logs[0]).header.survey_text, source).plan.all_setups
+    renamed = dict(zip(recorded, survey.plan.all_setups, strict=True)) if sorted(recorded) == sorted(survey.plan.all_setups) else {}
+    newest: dict[str, int] = {}
+    for at in logs:
+        log = open_log(at)
+        for event in log.events():
+            key = event.stream if isinstance(event, Chunk) else type(event).__name__
+            if time_of(event) <= newest.get(key, -1):
+                continue
+            newest[key] = time_of(event)
+            begun = log.header.run.get("expected_setup", "")
+            begun = renamed.get(begun, begun)
+            if survey.plc.silent and not session.recording and session.book.open_passes(begun):
+                session.begin(begun, time_of(event))
+            session.consume(event)
+    session.close(message("closed-stopped"))
+    return session, found

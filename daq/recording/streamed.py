@@ -1,0 +1,120 @@
+"""A setup that another program recorded: its series of positions goes through the session that a live laser goes through.
+
+The samples are lines as the survey's ``[laser.line]`` describes them, on a host's clock that is made from the sample's number. So the
+log, its replay, the doubts and the result are those of a laser that was recorded here, and stops are named as for a machine without
+signals (`daq.capture.by_laser`).
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.log.codec import whole_us
+from stepdiag.daq.log.part_file import PartFile
+from stepdiag.daq.log.topics import Note
+from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
+from stepdiag.daq.recording.series import Series
+from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent
+from stepdiag.daq.survey.bundle import compensation_findings
+from stepdiag.daq.survey.formats import laser_decoder
+from stepdiag.daq.survey.models import Survey
+
+SECOND_NS = 1_000_000_000
+CHUNK_S = 0.05
+"""A serial line hands over about so much at a time."""
+LINE = "{count} {position:.9f}\n"
+SECTION = """[laser]
+format = "line"
+[laser.line]
+pattern = '(?P<counter>[0-9]+) (?P<position>-?[0-9.]+)'
+counter_modulus = 1000000000"""
+"""What a survey file for such lines holds, beside ``port``, ``compensated`` and ``rate_hz``."""
+
+
+class DirectSink:
+    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`): nothing here waits for a disk."""
+
+    def begin(self, path: Path, header: LogHeader) -> None:
+        """Begin a log. Raises FileExistsError where one is in its place."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = PartFile(path)
+        self._writer = LogWriter(self._file, header)
+
+    def admit(self, event: Event) -> tuple[Event, ...]:
+        """Write an event; return it as the log keeps it."""
+        event = whole_us(event)
+        self._writer.event(event)
+        return (event,)
+
+    def note(self, note: Note) -> None:
+        """Write a note."""
+        self._writer.note(note)
+
+    def promise(self, note: Note, saved: Callable[[], object]) -> None:
+        """Write a note and report it."""
+        self._writer.note(note)
+        saved()
+
+    def end(self, status: ExitStatus, reason: str = "") -> None:
+        """Finish the log, give it its name and wait for the disk."""
+        self._writer.finish(status, reason, {})
+        self._file.drain()
+        self._file.publish()
+        self._file.close()
+
+
+def require_such_lines(survey: Survey, source: str) -> float:
+    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError where it describes another instrument."""
+    remedy = message("stream-survey-remedy", section=SECTION)
+    if not survey.plc.silent:
+        raise UsageError(f"{source}: plc.transport", expected='"none"', found=repr(survey.plc.transport), remedy=remedy)
+    line = survey.laser.line
+    if survey.laser.format != "line" or line is None or line.rate_hz is None:
+        raise UsageError(f"{source}: laser.format", expected=message("stream-lines"), found=repr(survey.laser.format), remedy=remedy)
+    taken = laser_decoder(survey).feed(b"".join(_lines(np.array([0.0, 1.25]), 0)), 1)
+    if not np.array_equal(taken.position_mm * survey.laser.sign, [0.0, 1.25]):
+        raise UsageError(f"{source}: laser.line.pattern", expected=message("stream-lines"), found=repr(line.pattern), remedy=remedy)
+    return line.rate_hz
+
+
+def record_series(survey: Survey, text: str, begun: Round, setup: str, series: Series, *, at_s: float) -> tuple[CapturedStop, ...]:
+    """Record one setup from a series that began at ``at_s`` (seconds since 1970); return its stops, passes one after the other.
+
+    Raises UsageError where the survey does not want the setup, DataError where the series does not hold every stop of every pass: nothing
+    is named then that the plan does not place; its logs stay, as those of a pass that was driven in vain.
+    """
+    taken: list[CapturedStop] = []
+    session = Session(
+        survey, text, begun, DirectSink(),
+        on_outcome=lambda outcome: taken.append(outcome) if isinstance(outcome, CapturedStop) else None,
+        wall_offset_ns=lambda: round(at_s * SECOND_NS),
+    )  # fmt: skip
+    for finding in compensation_findings(survey):
+        session.found(finding)
+    session.consume(LinkEvent(0, "laser", "connected", ""))
+    session.begin(setup, 0)
+    for event in _chunks(series):
+        session.consume(event)
+    session.close(message("stream-ended"))
+    wanted = len(session.book.open_passes(setup))
+    if wanted:
+        raise DataError(setup, expected=message("stream-every-pass"), found=message("stream-passes-open", passes=wanted, stops=len(taken)),
+                        remedy=message("stream-dwell-remedy", dwell_s=survey.plan.dwell_s))  # fmt: skip
+    return tuple(taken)
+
+
+def _chunks(series: Series) -> Iterator[Chunk]:
+    """Yield the samples as chunks of lines, each arriving with its last sample; the machine stands on at the end of the series."""
+    size = max(1, round(CHUNK_S * series.rate_hz))
+    for first in range(0, len(series.position_mm), size):
+        part = series.position_mm[first : first + size]
+        yield Chunk("laser", round((first + len(part)) / series.rate_hz * SECOND_NS), b"".join(_lines(part, first)))
+
+
+def _lines(positions_mm: "np.ndarray[tuple[int], np.dtype[np.float64]]", first: int) -> Iterator[bytes]:
+    return (LINE.format(count=count, position=position).encode() for count, position in enumerate(positions_mm.tolist(), first))

@@ -1,0 +1,25 @@
+"""What to drive next in a survey, beside its logs: written by a process that computes, read by the daemon and by `status`."""
+
+from pathlib import Path
+
+import msgspec
+
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.files import read_bytes, write_atomically
+from stepdiag.daq.records.status import AheadStatus
+from stepdiag.daq.records.survey_folder import AHEAD
+
+LARGEST_BYTES = 100_000
+
+
+def write_ahead(folder: Path, ahead: AheadStatus) -> None:
+    """Write it, whole or not at all. Raises UsageError where the folder does not take it."""
+    write_atomically(folder / AHEAD, msgspec.json.encode(ahead))
+
+
+def ahead_in(folder: Path) -> AheadStatus:
+    """Return what stands in a folder; nothing where there is none, or it is damaged."""
+    try:
+        return msgspec.json.decode(read_bytes(folder / AHEAD, largest=LARGEST_BYTES), type=AheadStatus)
+    except (StepdiagError, OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return AheadStatus()

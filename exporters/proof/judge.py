@@ -1,0 +1,190 @@
+"""Theory of operation: is each table in the control the one that was exported? Ten minutes of readings answer.
+
+    change = sum over functions of factor * what the laser sees of the function's tables + origin, leans and scale of the new set-up
+
+The factor is 1 where a table acts as exported, -1 where its sign is turned, 0 where it does not act, a half or 2 where its weight is wrong
+or it was loaded twice; where two axes were taken for each other, the tables of both act along the wrong one. Faults have causes, so one
+fault explains one function, all functions of a kind of table, or all. Explanations are added one at a time, as long as each makes the
+readings `NAMED` times as likely as those before it.
+
+Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond U of the factor.
+
+A table is decided where every other state of it makes the readings `SURE` times less likely, by itself and with all of its kind; one that
+is not decided is shown with its factor and U. The tables are kept where every one of them is decided to be right, or too small to matter:
+what the states that remain differ by is no more than U of the survey's own readings.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, rms
+from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed
+from stepdiag.exporters.safety.verdicts.regression import SIZED, Measured
+from stepdiag.exporters.safety.verdicts.verdict import Code
+from stepdiag.exporters.tables.tables import Table
+
+STATES: tuple[tuple[Code, float], ...] = (("right", 1.0), ("sign-turned", -1.0), ("missing", 0.0), ("scaled", 0.5), ("scaled", 2.0))
+PROOF = "proof"
+"""The code of the finding in a result that holds the verdict."""
+SURE, NAMED = 20.0, 400.0
+"""Odds for one state of a table against another; and for a fault, of which fifty and more are tried, against none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proved:
+    """The verdict on the tables of one function: ``factor`` with standard uncertainty ``u``, and ``seen_um``, the rms of what the laser
+    was to see of them. ``code`` is None where the run does not decide; ``harmless`` is then whether that matters."""
+
+    function: str
+    kind: str
+    code: Code | None
+    factor: float
+    u: float
+    seen_um: float
+    harmless: bool = True
+
+    @property
+    def state(self) -> Literal["right", "wrong", "undecided"]:
+        """Return what the code comes to."""
+        if self.code is None:
+            return "right" if self.harmless else "undecided"
+        return "right" if self.code == "right" else "wrong"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proof:
+    """The verdicts, and what to do: keep the tables, restore the control, or drive again."""
+
+    tables: tuple[Proved, ...]
+    sigma_um: float
+
+    @property
+    def action(self) -> Literal["keep", "restore", "undecided"]:
+        """Return what the states of the tables come to."""
+        states = {each.state for each in self.tables}
+        return "restore" if "wrong" in states else "undecided" if "undecided" in states else "keep"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Explained:
+    """One explanation of the readings: the state of each function, and what the laser sees of all together."""
+
+    states: Mapping[str, tuple[Code, float]]
+    predicted_um: Vector
+
+
+class _Case:
+    """The tables of a proof run beside its readings."""
+
+    def __init__(self, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table]) -> None:
+        self.ways, self.change_um = changes(before, after)
+        self.tables = [table for table in acting if table.value_um.any()]
+        self.nothing = np.zeros(len(self.change_um))
+        if not self.ways:
+            raise DataError(message("proof-run"), expected=message("proof-stops"), found=", ".join(dict.fromkeys(after.setup)))
+        old = columns(replaced, self.ways)
+        self.seen = columns(self.tables, self.ways)
+        # the tables that acted during the survey are gone from the readings, or stand in the new ones
+        self.change_um = self.change_um + sum(old.values(), self.nothing)
+        if not self.seen:
+            raise DataError(message("proof-run"), expected=message("proof-sees"), found=message("nothing"))
+        self.fit: Measured = regressed(self.ways, self.change_um, self.seen)
+        self.kinds = {table.name: table.kind for table in self.tables if table.name in self.seen}
+        self.groups = self._groups()
+
+    def _groups(self) -> list[tuple[str, ...]]:
+        kinds = [tuple(name for name in self.seen if self.kinds[name] == kind) for kind in dict.fromkeys(self.kinds.values())]
+        return list(dict.fromkeys([*((name,) for name in self.seen), *kinds, tuple(self.seen)]))
+
+    def misfit(self, explained: _Explained) -> float:
+        return self.fit.misfit(explained.predicted_um)
+
+    def right(self) -> _Explained:
+        return _Explained(states=dict.fromkeys(self.seen, STATES[0]), predicted_um=sum(self.seen.values(), self.nothing))
+
+    def others(self, than: _Explained) -> Iterator[_Explained]:
+        """Yield explanations that differ from one by one cause: another factor of a group, or two axes taken for each other."""
+        for group in self.groups:
+            for state in STATES:
+                if any(than.states[name] != state for name in group) and all(than.states[name][0] != "axes-swapped" for name in group):
+                    added = [(state[1] - than.states[name][1]) * self.seen[name] for name in group]
+                    yield _Explained(states={**than.states, **dict.fromkeys(group, state)}, predicted_um=than.predicted_um + sum(added))
+        if all(state == STATES[0] for state in than.states.values()):
+            kinds = dict.fromkeys(self.kinds.values())
+            for some, pair in product(dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]), combinations("XYZ", 2)):
+                yield self._exchanged(than, some, *pair)
+
+    def sized(self, than: _Explained) -> Iterator[_Explained]:
+        """Yield explanations in which the factor of one group is the one that fits best, where that is no longer the state it has."""
+        for group in self.groups:
+            together = sum((self.seen[name] for name in group), self.nothing)
+            beside = than.predicted_um - sum((than.states[name][1] * self.seen[name] for name in group), self.nothing)
+            column, rest = self.fit.weigh @ together, self.fit.values - self.fit.weigh @ beside
+            size = float(column @ column)
+            if size > 0.0 and all(than.states[name][0] != "axes-swapped" for name in group):
+                factor = float(column @ rest) / size
+                state = (_code(factor, self.fit.sigma_um / float(np.sqrt(size))), factor)
+                if any(than.states[name][0] != state[0] for name in group):
+                    yield _Explained(states={**than.states, **dict.fromkeys(group, state)}, predicted_um=beside + factor * together)
+
+    def _exchanged(self, than: _Explained, kinds: Sequence[str], one: str, other: str) -> _Explained:
+        mine = [table for table in self.tables if table.kind in kinds and {table.input_axis, table.output_axis} & {one, other}]
+        turned = columns([exchanged(table, one, other) for table in mine], self.ways)
+        names = {table.name for table in mine if table.name in self.seen}
+        moved = sum(turned.values(), self.nothing) - sum((self.seen[name] for name in names), self.nothing)
+        swapped: tuple[Code, float] = ("axes-swapped", 0.0)
+        return _Explained(states={**than.states, **dict.fromkeys(names, swapped)}, predicted_um=than.predicted_um + moved)
+
+
+def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table] = ()) -> Proof:
+    """Return what a proof run shows: ``before`` are the readings of the survey with this ``result``, ``after`` its own.
+
+    ``acting`` are the tables that were to act in it, ``replaced`` those that acted in the survey. Raises ``DataError`` where the two share
+    no stops, or see nothing of any table.
+    """
+    case = _Case(before, after, acting, replaced)
+    best = case.right()
+    for _ in range(len(case.seen)):
+        found = min(case.others(best), key=case.misfit, default=best)
+        sized = min(case.sized(best), key=case.misfit, default=found)
+        if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(SURE):  # a factor of its own explains more than a state does anyway
+            found = sized
+        if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
+            break
+        best = found
+    return Proof(tables=tuple(_proved(case, best, name, result) for name in case.seen), sigma_um=case.fit.sigma_um)
+
+
+def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
+    at, seen = list(case.seen).index(name), case.seen[name]
+    code, factor = best.states[name]
+    least = case.misfit(best) + 2.0 * np.log(SURE)
+    remain = {other.states[name] for other in case.others(best) if other.states[name][0] != code and case.misfit(other) < least}
+    sized_um = rms(np.concatenate([table.absolute_um - np.mean(table.absolute_um) for table in case.tables if table.name == name]))
+    states = [*remain, (code, factor)]
+    off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
+    return Proved(
+        function=name, kind=case.kinds[name], code=None if remain else code, factor=float(case.fit.factor[at]), u=float(case.fit.u[at]),
+        seen_um=rms(seen - np.mean(seen)), harmless=bool(off * sized_um <= _unknown_um(result, name)),
+    )  # fmt: skip
+
+
+def _code(factor: float, u: float) -> Code:
+    """Return the state that a factor stands for, within the size that is let pass or its uncertainty; else scaled."""
+    code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
+    return code if abs(factor - exact) <= max(SIZED, 2.0 * u) else "scaled"
+
+
+def _unknown_um(result: Result, function: str) -> float:
+    """Return U of a function (of a product its first one) from the readings alone, rms over its positions; 0 of one that is not known."""
+    found = result.errors.get(function[:3])
+    u = None if found is None else found.u if found.u_readings is None else found.u_readings
+    return 0.0 if u is None else 2.0 * rms(u)

@@ -1,0 +1,80 @@
+"""The proof run before it is driven: which diagonal and which line, how often, and what it will see of each table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.readings.runs import Plan, run_minutes, setup_minutes
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import rms
+from stepdiag.exporters.proof.change import Way, columns, regressed, ways_of
+from stepdiag.exporters.tables.tables import Table
+
+LINES = ("linear-x", "linear-y", "linear-z")
+USUAL_UM = 0.5
+"""Scatter of a reading where the result states none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foreseen:
+    """What the laser will see of the tables of one function (rms over the stops, um), and U (k = 2) of it."""
+
+    function: str
+    seen_um: float
+    expanded_um: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProofPlan:
+    """The setups and their repeats, the minutes of driving, and what they will see."""
+
+    setups: tuple[str, ...]
+    repeats: int
+    minutes: float
+    foreseen: tuple[Foreseen, ...]
+
+
+def plan_proof(result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float) -> ProofPlan:
+    """Return the diagonal and the line of a survey that tell most of the table that they tell least of, repeated within ``minutes`` of
+    driving, once at least.
+
+    Raises ``DataError`` for a survey without a diagonal, and where it sees nothing of any table.
+    """
+    names = [run.setup for run in driven.runs if run.setup in readings.setup]
+    diagonals, lines = ([name for name in names if name in some] for some in (BODY_DIAGONALS, LINES))
+    if not diagonals:
+        raise DataError(result.source, expected=message("proof-diagonal"), found=", ".join(names) or message("none"))
+    pairs = [tuple(pair) for pair in product(diagonals, lines)] or [(name,) for name in diagonals]
+    ways = {name: [way for way, _ in ways_of(readings, [name])] for name in names}
+
+    def least(pair: Sequence[str]) -> float:
+        return max((each.expanded_um / each.seen_um for each in _foreseen(result, ways, pair, acting)), default=0.0)
+
+    chosen = min(pairs, key=least)
+    foreseen = _foreseen(result, ways, chosen, acting)
+    if not foreseen:
+        raise DataError(result.source, expected=message("proof-sees"), found=message("nothing"))
+    runs = [driven.run_of(name) for name in chosen]
+    once = sum(run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run) for run in runs)
+    repeats = max(int(minutes / once), 1)
+    return ProofPlan(setups=chosen, repeats=repeats, minutes=repeats * once, foreseen=foreseen)
+
+
+def _foreseen(result: Result, ways: dict[str, list[Way]], setups: Sequence[str], acting: Sequence[Table]) -> tuple[Foreseen, ...]:
+    there = [way for name in setups for way in ways[name]]
+    seen = columns(acting, there)
+    if not seen:
+        return ()
+    fit = regressed(there, np.zeros(sum(len(way.stops_mm) for way in there)), seen)
+    spreads = [found for name in setups if (found := result.setups[name].residual_um if name in result.setups else None) is not None]
+    scatter_um = max([*spreads, USUAL_UM]) / fit.sigma_um
+    return tuple(
+        Foreseen(function=name, seen_um=(size_um := rms(column - np.mean(column))), expanded_um=float(2.0 * scatter_um * u * size_um))
+        for (name, column), u in zip(seen.items(), fit.u, strict=True)
+    )

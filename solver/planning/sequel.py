@@ -1,0 +1,152 @@
+"""What to drive next in a survey that is under way, and when to stop.
+
+The setups that are driven show how large the angles are and how machine and laser scatter (`solver.adjustment`: restricted maximum
+likelihood); of these sizes, what is driven and what may be driven is weighed as a plan is (`solver.planning.search`). Of the best further
+lines within several times those count that lower most a minute. The survey is at its end where no lines within `HORIZON_MIN` minutes, nor
+those still planned, lower what is left by `LEAST_UM` and by the share that `plan` names (`WORTH`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.setups import setup_of
+from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
+from stepdiag.solver.linear.families import families
+from stepdiag.solver.model.effects import ANGLES
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.planning.circumstances import Circumstances
+from stepdiag.solver.planning.search import INCREMENTS, Exchange, Ways, offered
+
+HORIZON_MIN = 60.0
+"""One more alignment takes half of it."""
+TIMES = (0.15, 0.3, 0.6, 1.0)
+"""Of the horizon: times within which further lines are sought."""
+SHOWN = 3.0
+"""Readings that leave two thirds of the likely sizes within this factor show the size; silent ones leave a factor of 15."""
+LEAST_UM, LEAST_SHARE = 0.1, 0.05
+"""A gain below either is not worth driving for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sequel:
+    """``runs`` are the setups that buy most, the next one first; at the ``end`` of a survey they are not worth their time.
+
+    ``now_um`` is what compensation would leave after what is driven (rms over the volume), ``then_um`` after these runs, ``minutes`` what
+    they take with setting up; ``at_most_um``: they gain no more than this (k = 2). ``angles_urad`` is the range of the angles by the
+    readings, None where these do not show it yet.
+    """
+
+    runs: tuple[Run, ...]
+    end: bool
+    now_um: float
+    then_um: float
+    minutes: float
+    at_most_um: float
+    angles_urad: float | None
+
+
+def sequel(survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None) -> Sequel:
+    """Return what to drive after the setups ``done`` of a survey, the last of which still stands; ``readings`` are theirs."""
+    shown, angles_urad = shown_by(readings, survey, about)
+    driven = [survey.run_of(name) for name in done]
+    todo = [run for run in survey.runs if run.setup not in done]
+    awaited = {run.travel.base for run in todo}
+    known = [_line(run) for run in driven]
+    # a line beside one that is planned has its turn when that stands
+    further = [line for line in offered(survey, shown) if line.setup not in awaited and line not in known]
+    lines, ways = (*map(_line, todo), *further), _ways(survey)
+    chosen = _most_a_minute(Exchange(survey, shown, lines, ways, driven), len(todo), survey.volume.increments)
+    fine = Exchange(survey, shown, [lines[place] for place in chosen], ways, driven, min(survey.volume.increments, INCREMENTS[-1]))
+    every = range(len(chosen))
+    now_um, then_um = (_left_um(fine, some, survey.volume.increments) for some in ((), every))
+    lowered, spread = fine.lowered_um2(every)
+    return Sequel(
+        runs=_named(survey, fine.lines, todo, driven, ways),
+        end=now_um - then_um < max(LEAST_UM, LEAST_SHARE * now_um),
+        now_um=now_um,
+        then_um=then_um,
+        minutes=fine.minutes(every, survey.volume.increments),
+        at_most_um=(lowered + 2.0 * spread) / (now_um + then_um),
+        angles_urad=angles_urad,
+    )
+
+
+def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> float:
+    return float(np.sqrt(exchange.square_um2(chosen) + exchange.beside_um2(increments)))
+
+
+def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
+    """Return the lines that lower most a minute (the first ``planned`` are of the plan); where none are worth it, these or the best."""
+    todo = list(range(planned))
+    now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
+    found: list[tuple[float, float, Sequence[int]]] = []
+    for limit in dict.fromkeys((*(HORIZON_MIN * share for share in TIMES), rest_min)):
+        starts = [[], todo] if todo and rest_min <= limit else [[]]
+        choices = [*(exchange.improved(start, increments, limit) for start in starts), *starts[1:]]
+        found += [(_left_um(exchange, one, increments), exchange.minutes(one, increments), one) for one in choices if one]
+    worth = [one for one in found if now_um - one[0] >= max(LEAST_UM, LEAST_SHARE * now_um)]
+    if worth:
+        return max(worth, key=lambda one: (now_um - one[0]) / one[1])[2]
+    return todo or min(found)[2]
+
+
+def _line(run: Run) -> Run:
+    """Return the line of a run as lines are offered."""
+    return Run(setup=run.travel.base, return_pass=False, beam_offset_mm=run.beam_offset_mm, targets=run.targets)
+
+
+def _ways(survey: Plan) -> Ways:
+    """Return how the plan drives its setups: all alike."""
+    runs = survey.runs
+    orders = next((run.axis_orders for run in runs if run.axis_orders), ())
+    return Ways(repeats=runs[0].repeats, return_pass=runs[0].return_pass, axis_orders=orders)
+
+
+def _named(survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways) -> tuple[Run, ...]:
+    """Return lines as runs of the plan: what stands first, what is planned next; those beside the usual line by the next free number."""
+    taken, runs = {run.setup for run in survey.runs}, list[Run]()
+    for line in lines:
+        planned = next((run for run in todo if _line(run) == line), None)
+        numbers = count(1) if any(line.beam_offset_mm) else count()
+        name = next(name for number in numbers if (name := line.travel.shifted(number)) not in taken)
+        runs.append(planned or ways.of(replace(line, setup=name)))
+        taken.add(runs[-1].setup)
+    stands = driven[-1].travel.base if driven else ""
+    return tuple(sorted(runs, key=lambda run: (setup_of(run.setup).base != stands, run not in todo, runs.index(run))))
+
+
+def shown_by(readings: Readings | None, survey: Plan, about: Circumstances) -> tuple[Circumstances, float | None]:
+    """Return the circumstances with the sizes that readings show, and the range of the angles in urad, None where they do not show it."""
+    if readings is None:
+        return about, None
+    try:
+        found = adjust(lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed)
+    except StepdiagError:  # too few, or a pass that contradicts its plan: the survey's own doubts name it
+        return about, None
+    assumed, scatter = about.assumed, found.scatter
+    repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)
+    factor, shown = _factor(found)
+    sizes = replace(
+        assumed,
+        angles_urad=factor * assumed.angles_urad,
+        angle_urad={name: factor * size for name, size in assumed.angle_urad.items()},
+        repeatability_um=scatter.repeatability_um if repeats else assumed.repeatability_um,
+    )
+    return replace(about, assumed=sizes), sizes.angles_urad if shown else None
+
+
+def _factor(found: Adjustment) -> tuple[float, bool]:
+    """Return by how much the angles are larger than assumed, the likeliest factor, and whether the readings show it."""
+    names = [effect.name for effect in found.effects]
+    if ANGLES not in names or not found.sizes.sought[names.index(ANGLES)]:
+        return 1.0, False
+    group = np.repeat(np.arange(len(names)), [effect.count for effect in found.effects])
+    likely = families(found.fit, group, found.sizes)[names.index(ANGLES)].factor
+    middle = len(likely) // 6
+    return float(found.sizes.factor[names.index(ANGLES)]), bool(likely[-1 - middle] < SHOWN * likely[middle])

@@ -1,0 +1,89 @@
+"""The report's figures as matplotlib figures (``stepdiag[notebook]``): functions with their bands, the error field, the closure."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.base.names import AXES
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.report.drawings.space import lattice_mm
+from stepdiag.texts.texts import UNITS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LATTICE = 5
+"""Points per axis at which the error field is drawn."""
+_LONGEST_SHARE = 0.15
+"""The longest vector of the error field is drawn as long as this share of the longest side of the volume."""
+
+
+def plot_functions(result: Result) -> "Figure":
+    """Return one panel for each identified function: the mean of both directions with U (k = 2), and the two directions where the data
+    give them. Raises UsageError where matplotlib is not installed, or where no function is identified."""
+    names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is not None]
+    if not names:
+        raise UsageError("plot_functions", expected=message("known-function"), found=message("none"))
+    figure = _figure(11.0, 2.6 * -(-len(names) // 3))
+    for place, name in enumerate(names, 1):
+        function, reversal = result.errors[name], result.reversal.get(name)
+        panel = figure.add_subplot(-(-len(names) // 3), 3, place)
+        at, value = function.position_mm, np.asarray(function.value)
+        if function.u is not None:
+            panel.fill_between(at, value - 2 * function.u, value + 2 * function.u, alpha=0.25, linewidth=0)
+        panel.plot(at, value)
+        if reversal is not None and reversal.value is not None and np.array_equal(reversal.position_mm, at):
+            panel.plot(at, value + reversal.value / 2, linestyle=":")
+            panel.plot(at, value - reversal.value / 2, linestyle=":")
+        panel.set_xlabel(f"{name[2]} / mm")
+        panel.set_ylabel(f"{name} / {UNITS[function.unit]}")
+        panel.grid(alpha=0.3)
+    return figure
+
+
+def plot_field(result: Result) -> "Figure":
+    """Return the error vectors in the volume, rigid motion removed; the title names the length of the longest.
+
+    Raises UsageError where matplotlib is not installed.
+    """
+    figure = _figure(7.0, 6.0)
+    points = lattice_mm(result.volume, LATTICE)
+    errors = without_rigid_motion(result.volume, points, error_field_um(result, points))
+    length = np.linalg.norm(errors, axis=1)
+    drawn = errors * (_LONGEST_SHARE * max(result.volume.size_mm) / max(float(length.max()), 1e-9))
+    panel: Any = figure.add_subplot(projection="3d")
+    panel.quiver(*points.T, *drawn.T, length=1.0)
+    panel.set_box_aspect(result.volume.size_mm)
+    panel.set(xlabel="X / mm", ylabel="Y / mm", zlabel="Z / mm", title=f"max {length.max():.1f} µm")
+    return figure
+
+
+def plot_closure(result: Result) -> "Figure":
+    """Return the closure of the four diagonals by axis and node, in um.
+
+    Raises UsageError where matplotlib is not installed or the result holds no closure.
+    """
+    if result.closure_um is None:
+        raise UsageError("plot_closure", expected=message("result-with-closure"), found=message("none"))
+    figure = _figure(7.0, 3.5)
+    panel = figure.add_subplot()
+    for axis in AXES:
+        values = np.array(getattr(result.closure_um, axis), dtype=np.float64)
+        panel.plot(np.arange(len(values)), values, label=axis.upper())
+    panel.set(ylabel="µm")
+    panel.legend()
+    panel.grid(alpha=0.3)
+    return figure
+
+
+def _figure(width_in: float, height_in: float) -> "Figure":
+    """Return an empty figure that no window shows: a notebook draws it, ``savefig`` writes it."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        remedy = message("do-install", extra="notebook")
+        raise UsageError("plot", expected="matplotlib", found=message("nothing"), remedy=remedy) from None
+    return Figure(figsize=(width_in, height_in), layout="constrained")

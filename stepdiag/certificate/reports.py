@@ -1,0 +1,46 @@
+"""The report beside a certificate: rendered again from what the certificate names, and compared to the byte."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.files import as_text, read_bytes
+from stepdiag.report.from_files import ReportFiles, report_from
+from stepdiag.texts.texts import LANGUAGES, Language
+
+_LANGUAGE = re.compile(r'\A<!doctype html>\s*<html lang="(\w+)">')
+
+
+ROLES = {"profile": "profile", "left": "result_as_left", "letterhead": "letterhead", "laboratory": "laboratory"}
+"""What a report is made of, and its role in the certificate."""
+
+
+def is_rendered(name: str) -> bool:
+    """Return whether a report is a document that must be rendered again: any but a print, which is known by its hash alone."""
+    return Path(name).suffix.lower() != ".pdf"
+
+
+def follows(report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None) -> bool:
+    """Return whether a report is the one that its sources give, with or without the exports, with or without the readings.
+
+    ``of`` are result, laboratory's file, letterhead, profile and result as left by their roles.
+    """
+    text = as_text(read_bytes(report), report.name)
+    language = language_of(text)
+    named = {name: of.get(role) for name, role in ROLES.items()}
+    for exported in dict.fromkeys((tuple(files), ())):
+        for shown in dict.fromkeys((readings, None)):
+            sources = ReportFiles(result=of["result"], files=exported, readings=shown, language=language, **named)
+            try:
+                if report_from(sources).html == text:
+                    return True
+            except StepdiagError:
+                continue
+    return False
+
+
+def language_of(text: str) -> Language:
+    """Return the language of a report; English where it names none of ours."""
+    found = _LANGUAGE.match(text)
+    return next((one for one in LANGUAGES if found is not None and one == found[1]), "en")

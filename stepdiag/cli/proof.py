@@ -1,0 +1,188 @@
+"""``stepdiag proof``: ten minutes after loading, one diagonal and one line, judged table by table."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.cli.completion import TABLES, AsJson, tables
+from stepdiag.terminal.viewer import print_words, shown
+
+if TYPE_CHECKING:
+    from datetime import date
+
+    from stepdiag.daq.survey.models import Survey
+    from stepdiag.exporters.proof.judge import Proof
+    from stepdiag.exporters.proof.plan import ProofPlan
+
+
+MINUTES = 10.0
+EXIT_CODES = {"keep": 0, "restore": 5, "undecided": 3}
+"""Contract 5: a file that is judged wrong, and data that do not support what was asked."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("proof")(proof)
+
+
+def proof(
+    file: Path,
+    controller: Annotated[str, typer.Option(autocompletion=tables)] = "",
+    loaded: Path | None = None,
+    profile: Path | None = None,
+    minutes: float = MINUTES,
+    out: Path | None = None,
+    as_json: AsJson = False,
+) -> None:
+    """Prove that loaded tables act as exported."""
+    from stepdiag.daq.survey.file import load_survey
+
+    survey = load_survey(file)
+    options = {"--controller": controller, "--loaded": loaded, "--profile": profile, "--minutes": minutes != MINUTES, "--out": out}
+    if survey.proof is not None:
+        if given := [name for name, value in options.items() if value]:
+            raise UsageError(
+                ", ".join(given),
+                expected=message("with-option", option=message("survey-file-of-machine")),
+                found=message("a-proof-run", name=file.name),
+            )
+        _judge(file, survey, as_json=as_json)
+        return
+    if not controller:
+        raise UsageError("--controller", expected=message("one-of", names=TABLES), found=message("none"))
+    if not 0 < minutes < float("inf"):
+        raise UsageError("--minutes", expected=message("number-above-0"), found=f"{minutes:g}")
+    _plan(file, survey, controller, loaded, profile, minutes, out, as_json=as_json)
+
+
+def _plan(
+    file: Path,
+    survey: "Survey",
+    controller: str,
+    loaded: Path | None,
+    profile: Path | None,
+    minutes: float,
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write the survey file of a proof run, and its programs."""
+    from stepdiag.base.files import write_atomically
+    from stepdiag.completion.proof import ProofFiles, planned
+    from stepdiag.daemon.survey_state import standing_of
+    from stepdiag.daq.records.survey_folder import EXPORTS
+
+    found = standing_of(file).result
+    if found is None:
+        raise UsageError(file.name, expected=message("expects-result"), found=message("none-yet"), remedy=message("complete-first"))
+    folder = loaded or found.parent / EXPORTS / controller
+    known = profile or next((file.parent / each.profile for each in survey.exports if each.controller == controller), None)
+    given = ProofFiles(survey=file, round=found.parent, loaded=folder, profile=known, controller=controller)
+    plan, text = planned(given, _acting(folder), minutes)
+    target = file.with_name(f"{file.stem}-proof.toml")
+    write_atomically(target, text.encode("utf-8"))
+    programs = _programs(target, controller, known, out)
+    if as_json:
+        from dataclasses import asdict
+
+        typer.echo(json.dumps({**asdict(plan), "survey": str(target), "programs": programs}, indent=2))
+        return
+    _print_plan(plan)
+    typer.echo("\n".join([f"survey file of the proof run: {target}", *(f"program: {name}" for name in programs)]))
+    print_words(message("run-then-proof", path=str(target)))
+
+
+def _acting(folder: Path) -> list[Path]:
+    """Return the paths of the files of an export that act in the control."""
+    from stepdiag.cli.control import tables_among
+
+    return [folder / each.name for each in tables_among([folder])[0]]
+
+
+def _programs(target: Path, controller: str, profile: Path | None, out: Path | None) -> list[str]:
+    from stepdiag.cli.completion import PROGRAMS
+    from stepdiag.daemon.driving import programs_of
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.sets import write_set
+
+    if out is None or controller not in PROGRAMS:
+        return []
+    made, beside = programs_of(load_survey(target), controller, profile)
+    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in made), *beside])
+    return [str(out / each.name) for each in made]
+
+
+def _print_plan(plan: "ProofPlan") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{' and '.join(plan.setups)}, {plan.repeats} times out and back, {plan.minutes:.0f} minutes")
+    for column in ("table", "change in the readings / µm (rms)", "U (k = 2) / µm"):
+        table.add_column(column, justify="left" if column == "table" else "right")
+    for each in plan.foreseen:
+        table.add_row(each.function, f"{each.seen_um:.2f}", f"{each.expanded_um:.2f}")
+    Console().print(table)
+
+
+def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
+    """Print the verdict on a proof run. Raises UsageError before its last pass is in."""
+    from stepdiag.base.files import read_bytes
+    from stepdiag.base.readings.readings import parse_readings
+    from stepdiag.completion.proof import action_words, loaded_in, proof_of, sign_records, words_of
+    from stepdiag.daemon.survey_state import standing_of
+    from stepdiag.daq.records.survey_folder import READINGS
+    from stepdiag.daq.survey.bundle import read_bundle
+
+    found = standing_of(file).result
+    if found is None:
+        raise UsageError(
+            file.name,
+            expected=message("complete-survey"),
+            found=message("state-to-do"),
+            remedy=message("command-says", command=f"stepdiag status {file}"),
+        )
+    runs, files = read_bytes(found.parent / READINGS), read_bundle(file, survey)
+    held, verdict = loaded_in(survey, files), proof_of(survey, files, parse_readings(runs.decode("utf-8")))
+    if held is None or verdict is None:
+        return
+    records = [record.as_toml() for record in sign_records(held, verdict, runs, _day(found))]
+    if as_json:
+        typer.echo(json.dumps({"action": verdict.action, "tables": _tables_json(verdict), "sign_tests": records}, indent=2))
+    else:
+        for each in verdict.tables:
+            typer.echo(shown(words_of(each)))
+        typer.echo(shown(action_words(verdict)))
+        if verdict.action == "restore":
+            for path in _restore_files(file, survey):
+                typer.echo(f"  {path}")
+        if records:
+            typer.echo("\n".join(["in place of a sign test, for the profile:", *records]))
+    raise typer.Exit(EXIT_CODES[verdict.action])
+
+
+def _day(result: Path) -> "date":
+    from datetime import date
+
+    from stepdiag.cli.report import read_result
+
+    facts = read_result(result).survey
+    return date.fromisoformat(facts.date) if facts is not None else date.min
+
+
+def _restore_files(file: Path, survey: "Survey") -> list[Path]:
+    """Return the files that bring the control back, beside those that were loaded."""
+    from stepdiag.exporters.files.naming import is_restore
+
+    folder = (file.parent / survey.machine.active[0]).parent
+    return sorted(path for path in folder.iterdir() if is_restore(path.name))
+
+
+def _tables_json(verdict: "Proof") -> list[dict[str, object]]:
+    from dataclasses import asdict
+
+    return [{**asdict(each), "state": each.state} for each in verdict.tables]

@@ -1,0 +1,121 @@
+"""The walls that a process sets up around itself before it meets the first stranger: the page, and what publishes.
+
+Two walls, since neither stands alone. A filter of system calls (`stepdiag.walls.seccomp`), which every supported kernel has, takes what a
+call does: signals, limits and priorities of others, new sockets, new processes, writing. Landlock (landlock(7)) takes what a call reaches:
+which files are read, and from its later versions on TCP, devices, signals and abstract sockets once more. Limits on the process itself
+(setrlimit(2)) take what both leave. What a kernel refuses is named, all of it.
+"""
+
+import ctypes
+import os
+import resource
+import signal
+import struct
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from stepdiag.walls.seccomp import shut_calls
+
+MOST_DESCRIPTORS = 1024
+"""Three for each connection that is let in (`stepdiag.page.connections`), and spare ones."""
+MOST_MEMORY = 2**30
+"""Address space in bytes, of which most is never touched."""
+
+PROGRAM = Path(__file__).parents[1]
+
+_LANDLOCK_CREATE, _LANDLOCK_ADD, _LANDLOCK_RESTRICT = 444, 445, 446
+_PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
+_CREATE_VERSION = 1
+_RULE_BENEATH, _RULE_PORT = 1, 2
+_READ_FILE, _READ_DIR = 1 << 2, 1 << 3
+_ALL_OF_THE_DISK = (1 << 13) - 1
+"""Every right of the first version of Landlock: execute, write, read, list, remove, make."""
+_MORE_OF_THE_DISK = {2: 1 << 13, 3: 1 << 14, 5: 1 << 15}
+"""Move between folders; cut off; give orders to devices."""
+_BIND, _CONNECT = 1, 2
+"""TCP, since version 4. What is already bound goes on."""
+_SCOPES = 0b11
+"""Abstract sockets of others and signals to others, since version 6."""
+
+
+def die_with_parent() -> None:
+    """Have the kernel end this process with the one that started it: an orphan would hold the page's address."""
+    _call("prctl", _PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() == 1:
+        os._exit(0)
+
+
+def readable_by_program(folder: Path) -> Sequence[Path]:
+    """Return what of the disk a process reads: the program, its libraries, and a survey's folder, or where that will be made."""
+    libraries = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime") if place]
+    return (next(each for each in (folder, *folder.parents) if each.exists()), PROGRAM, *libraries)
+
+
+def confine(readable: Iterable[Path]) -> Sequence[str]:
+    """Give up for good everything but reading below ``readable`` and what is open already; return what is still open to this process."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    return _walled(readable)
+
+
+def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
+    """Give up the same, but for memory and output; where it ``calls`` a port, TCP to that port and what finds a host by its name stay."""
+    return _walled(readable, calls)
+
+
+def _walled(readable: Iterable[Path], calls: int = 0) -> Sequence[str]:
+    resource.setrlimit(resource.RLIMIT_NOFILE, (MOST_DESCRIPTORS, MOST_DESCRIPTORS))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    version = _shut_in(readable, calls)
+    shut = (_BY_CALLS - (_NETWORK if calls else set())) if shut_calls(network=bool(calls)) else set()
+    return tuple(what for what, since in OPEN.items() if version < since and what not in shut)
+
+
+OPEN = {
+    "reading the disk and the memory of its account": 1, "writing the disk": 1, "cutting off files": 3, "TCP": 4, "devices": 5,
+    "signals": 6, "abstract sockets": 6, "UDP and other sockets": 99, "limits and priority of other processes": 99,
+    "attributes of files": 99, "new processes": 99,
+}  # fmt: skip
+"""What a process could do to others, each with the version of Landlock that shuts it; 99 is none."""
+_NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
+_BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
+"""What the filter of calls shuts; of a process that calls, the network is not among it."""
+
+
+def _shut_in(readable: Iterable[Path], calls: int) -> int:
+    """Set up Landlock; return the version that holds, 0 for none."""
+    version = max(_call("syscall", _LANDLOCK_CREATE, None, 0, _CREATE_VERSION), 0)
+    disk = _ALL_OF_THE_DISK | sum(right for since, right in _MORE_OF_THE_DISK.items() if version >= since)
+    known = 1 + (version >= 4) + (version >= 6)
+    attributes = struct.pack(f"{known}Q", *(disk, _BIND | _CONNECT, _SCOPES)[:known])
+    rules = _call("syscall", _LANDLOCK_CREATE, attributes, len(attributes), 0) if version else -1
+    if rules < 0:
+        return 0
+    try:
+        for path in readable:
+            _allow(rules, path)
+        if calls and version >= 4:
+            _call("syscall", _LANDLOCK_ADD, rules, _RULE_PORT, struct.pack("=QQ", _CONNECT, calls), 0)
+        return version if _call("syscall", _LANDLOCK_RESTRICT, rules, 0) == 0 else 0
+    finally:
+        os.close(rules)
+
+
+def _allow(rules: int, path: Path) -> None:
+    try:
+        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:
+        return  # what is not there needs no rule
+    try:
+        rights = _READ_FILE | _READ_DIR if path.is_dir() else _READ_FILE
+        _call("syscall", _LANDLOCK_ADD, rules, _RULE_BENEATH, struct.pack("=Qi", rights, place), 0)
+    finally:
+        os.close(place)
+
+
+def _call(function: str, *arguments: object) -> int:
+    """Call a variadic function of the C library with every number as wide as a register; return -1 where the kernel refuses."""
+    wide = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
+    return int(getattr(ctypes.CDLL(None, use_errno=True), function)(*wide))

@@ -1,0 +1,71 @@
+"""What to drive next by the last survey of the machine, and a further setup put into the survey file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import rendered
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.readings.runs import Run
+from stepdiag.base.result.members import Facts
+from stepdiag.completion.ahead import in_words, look_ahead, take
+from stepdiag.daq.survey.file import load_survey
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.planning.sequel import Sequel
+from testkit.rates import designs
+from testkit.rates.sequels import SEVEN
+from testkit.running.survey_files import SMALLEST
+
+EMPTY = Sequel(runs=(), end=True, now_um=1.2, then_um=1.15, minutes=40.0, at_most_um=0.14, angles_urad=None)
+SHIFTED = Run(setup="ppp+1", beam_offset_mm=(0.0, 0.0, 150.0))
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "survey.toml"
+    path.write_text(SMALLEST.lstrip() + '[plan]\nsetups = ["ppp", "npp", "pnp", "ppn"]\n[uncertainty]\nrepeatability_um = 0.0\n')
+    return path
+
+
+def before(file, machine):
+    """Leave a finished survey of a machine with angles of 45 urad in a folder beside."""
+    readings = designs.drive(SEVEN, designs.machine_of(45.0, 911), np.random.default_rng(1))
+    result = replace(solve(readings, chain="FXYZ", assumed=designs.about(15.0).assumed), survey=Facts(machine=machine))
+    folder = file.parent / "last year" / "0001"
+    folder.mkdir(parents=True)
+    (folder / "result.json").write_text(result.to_json())
+    (folder / "readings.csv").write_text(render_readings(readings))
+
+
+def test_the_last_survey_of_the_machine_shows_how_large_its_angles_are(file):
+    """Before anything is driven: four diagonals leave more of a machine that turned by 45 urad last year. Another machine's is left."""
+    before(file, "another one")
+    usual = look_ahead(file)[2]
+    before_name = file.parent / "last year"
+    before_name.rename(file.parent / "of another")
+    before(file, load_survey(file).identity.machine)
+    known = look_ahead(file)[2]
+    assert known.then_um > 1.15 * usual.then_um
+    assert known.angles_urad is None, "nothing of this survey shows them yet"
+
+
+def test_a_taken_setup_stands_in_the_survey_file(file):
+    ahead = replace(EMPTY, runs=(SHIFTED,), end=False)
+    status = in_words(ahead, load_survey(file))
+    assert (status.setup, status.further) == ("ppp+1", True)
+    assert rendered(status.words, "de") == "Als Nächstes: ppp auf einer Linie, verschoben um 150 mm in z. 1,2 -> 1,1 µm, 40 min."
+    assert take(file, load_survey(file), ahead) == SHIFTED
+    survey = load_survey(file)
+    assert survey.plan.all_setups == ("ppp", "ppp+1", "npp", "pnp", "ppn")
+    assert survey.planned.run_of("ppp+1").beam_offset_mm == (0.0, 0.0, 150.0)
+
+
+@pytest.mark.parametrize("ahead", [EMPTY, replace(EMPTY, runs=(Run(setup="npp"),), end=False)], ids=["at its end", "planned"])
+def test_nothing_is_taken_where_nothing_further_is_worth_it(file, ahead):
+    text = file.read_text()
+    with pytest.raises(UsageError, match="a further setup that is worth its time"):
+        take(file, load_survey(file), ahead)
+    assert file.read_text() == text
+    assert not in_words(ahead, load_survey(file)).further
