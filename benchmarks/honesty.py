@@ -9,6 +9,8 @@ together instead: a class by itself cannot tell an interval that is too wide fro
 ``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
 (`benchmarks.false_alarms`); without options this table follows the other one, and what `trend` and `compare` report of machines over years
 (`benchmarks.fates`) follows both, and the 4-DOF heads (`benchmarks.heads`) and the proof runs (`benchmarks.proofs`) come last.
+``--explained N``
+prints what becomes of surveys with one thing wrong, and of machines beside the model (`benchmarks.explained`).
 """
 
 import argparse
@@ -18,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import false_alarms
+from benchmarks import explained, false_alarms
 from benchmarks.exact import ExactModel, left_um
 from benchmarks.told import Told, within
 from stepdiag.base.readings.readings import Readings, make_readings
@@ -229,9 +231,13 @@ def main() -> None:
     parser.add_argument("--case", default="", help="only classes whose name contains this")
     parser.add_argument("--mixed", type=int, default=0, metavar="N", help="N machines over all classes together, and no table")
     parser.add_argument("--false-alarms", type=int, metavar="N", help="N good surveys of each distribution, and no other table")
+    parser.add_argument("--explained", type=int, metavar="N", help="N surveys of each truth beside the model, and no other table")
     parser.add_argument("--large", action="store_true", help="false alarms: ordinary machines with axes of 1 to 4 m")
     options = parser.parse_args()
     first = FIRST_SEED if options.first is None else options.first
+    if options.explained:
+        explained.print_rows(range(first, first + options.explained), options.case)
+        return
     if options.mixed:
         print_mixed(range(first, first + options.mixed))
     elif options.false_alarms is None:

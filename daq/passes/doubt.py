@@ -10,6 +10,9 @@ DRIVEN_AGAIN = frozenset(
     {
         "angles-far",
         "contradiction-ambiguous",
+        "contradiction-ambiguous.length",
+        "contradiction-ambiguous.length-far",
+        "contradiction-ambiguous.open",
         "increments-coarse",
         "increments-coarse.hidden",
         "noise-high.machine",
@@ -17,8 +20,6 @@ DRIVEN_AGAIN = frozenset(
         "noise-high.stop",
         "pass-wanders",
         "pass-wanders.which",
-        "scale-misclosure",
-        "scale-misclosure.far",
         "too-many-outliers",
     }
 )

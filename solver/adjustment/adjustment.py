@@ -13,6 +13,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
+from stepdiag.solver.adjustment.explanations import PRODUCT, Explained, effects_beside, explained, name_explained
 from stepdiag.solver.adjustment.robustness import (
     BETTER,
     MOST,
@@ -35,8 +36,11 @@ from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head,
 from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
 from stepdiag.solver.model.effects import (
     ANGLES,
+    BESIDE,
     FIRST_STOPS,
     GROWTH,
+    ONE_SCALE,
+    ONE_WALK,
     SETUP_SCALE,
     SHORT_ANGLES,
     TURNING,
@@ -70,7 +74,8 @@ class Adjustment:
 
     ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``between``
     those that are values off the nodes, ``sizes`` says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every
-    reading by noise, infinite where a stop was left out; ``scatter`` says how the machine repeats and how noisy its setups are.
+    reading by noise, infinite where a stop was left out; ``explained`` holds causes beside the model; ``scatter`` says how the machine
+    repeats and how noisy its setups are.
     """
 
     layout: Layout
@@ -84,6 +89,7 @@ class Adjustment:
     sizes: Sizes
     scatter: Scatter
     u_um: Vector
+    explained: Explained
     findings: tuple[Finding, ...] = field(default=())
 
     @property
@@ -95,6 +101,13 @@ class Adjustment:
         """Return the place of the first cause of an effect among all causes. Raises ``ValueError`` where there is no such effect."""
         names = [effect.name for effect in self.effects]
         return sum(effect.count for effect in self.effects[: names.index(name)])
+
+    @property
+    def products(self) -> dict[int, float]:
+        """Return the causes of the products of axes that stand beside the machine's functions, in the order of `PRODUCTS`, and the um
+        of each."""
+        size_um = self.explained.spread[self.explained.of(PRODUCT)]
+        return dict(enumerate(size_um.tolist(), self.first_cause(BESIDE))) if np.any(size_um) else {}
 
     def as_usual(self, *found: str) -> MixedFit:
         """Return the fit with no cause but growth larger than usual: what contradicts it is named, however large a cause could hold it.
@@ -123,6 +136,7 @@ def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Col
     kept = np.array([effect.name in (*found, GROWTH, FIRST_STOPS) for effect in effects], dtype=np.bool_)
     usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
     factor = np.where(kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)))
+    factor[[effect.name in (ONE_SCALE, ONE_WALK, BESIDE) for effect in effects]] = 0.0
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
@@ -211,6 +225,7 @@ class _Task:
         # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found without it
         self.clean = True
         current = self._find_scatter(self._find_sizes(self._with_effects(current.fixed)), robust=False)
+        current = self._open_beside(current)
         self.findings += assumed_noise(unshown(self.scatter, self.layout))
         used = self.kept > 0
         u = np.where(used, self.u / np.sqrt(np.where(used, self.kept, np.nan)), np.inf)
@@ -226,8 +241,30 @@ class _Task:
             sizes=self.sizes,
             scatter=self.scatter,
             u_um=u[: len(self.layout)],
+            explained=self.explained,
             findings=tuple(self.findings),
         )
+
+    def _open_beside(self, current: MixedFit) -> MixedFit:
+        """Return the fit with what explains the survey beside the model left open.
+
+        It is weighed with growth and scales of all setups no larger than usual: these explain one length as well as any of it does. Each
+        cause keeps its size: found anew, growth would leave to a scale what either of them may be.
+        """
+        alike = np.array([effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_)
+        factor = np.where(alike, np.minimum(1.0, 1.0 / self.sizes.factor), 1.0)
+        usual = sized(current, np.repeat(factor, [effect.count for effect in self.effects]))
+        every = counts(usual.fixed, self.layout)
+        growth = [effect.pattern_um for effect in self.effects if effect.name == GROWTH]
+        self.explained = explained(usual, self.layout, np.hstack([np.zeros((len(self.layout), 0)), *growth]), every)
+        self.findings += name_explained(self.layout, self.explained)
+        opened = effects_beside(self.layout, self.explained)
+        if not opened:
+            return current
+        self.effects += opened
+        self.sizes = Sizes(np.pad(self.sizes.factor, (0, len(opened)), constant_values=1.0), np.pad(self.sizes.sought, (0, len(opened))))
+        causes = self._causes(current.fixed, self.effects)
+        return MixedFit(current.fixed, causes, np.repeat(self.sizes.factor, [effect.count for effect in self.effects]))
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
         """Return the fit with the angular functions turned over, and named, that all else knows with the other sign."""
@@ -361,10 +398,10 @@ class _Task:
         only if it explains the readings better than that large size does. What is left is looked for with the sizes found.
         """
         every = counts(current.fixed, self.layout)
-        usual = most_suspicious(_as_usual(current, self.effects, self.sizes), self.design.columns, self.layout, every)
+        usual = most_suspicious(_as_usual(current, self.effects, self.sizes), self.design.columns, every)
         if usual is not None and self._explains(usual, current):
             return usual
-        return most_suspicious(current, self.design.columns, self.layout, every)
+        return most_suspicious(current, self.design.columns, every)
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""

@@ -183,7 +183,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     um_m = both[0] / (1e-3 * float(np.linalg.norm(layout.volume.size_mm)))
     far = abs(both[0]) > MISCLOSED_FAR * both[1]
     words = message(
-        "scale-misclosure.far" if far else "scale-misclosure",
+        "contradiction-ambiguous.length-far" if far else "contradiction-ambiguous.length",
         apart_um=both[0],
         expanded_um=2 * both[1],
         diagonals=diagonals,
@@ -227,7 +227,7 @@ def _stated_um(found: Adjustment, index: int) -> float:
 
 def growth_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on axes that grew from the first reading to the last by more than chance and `GREW_UM_M`."""
-    if GROWTH not in {effect.name for effect in found.effects}:
+    if GROWTH not in {effect.name for effect in found.effects} or not found.explained.grows:
         return []
     place = found.first_cause(GROWTH)
     turn = growth_waves(found.layout)[[int(np.argmax(found.layout.hours)), int(np.argmin(found.layout.hours))]]

@@ -1,4 +1,4 @@
-"""What may be wrong with a survey beside noise, each as one more unknown: a stop, a step of the count, the scale of a setup.
+"""What may be wrong with a survey beside noise, each as one more unknown: a stop, a step of the count.
 
 A hypothesis is a pattern on the readings. How large it would be, and how sure that is, follows from the fit that is there, without a
 new one (Baarda 1968, one further unknown at a time): ``size = (h' W r) / (h' W R h)`` with R what the fit leaves of a pattern.
@@ -78,27 +78,17 @@ class Family:
         return found
 
 
-STOP, STEP, SCALE = "stop", "step", "scale"
+STOP, STEP = "stop", "step"
 CRITICAL = 5.0**2
 """Of a thousand stops one in 1700 surveys; the noise by which it is judged is known to a fifth."""
-CRITICAL_OF_FEW = 3.6**2
-"""For hypotheses of which a survey has a dozen, not hundreds."""
 LEAST_UM = 0.5
 """Contradictions below this are not called wrong stops however small the noise."""
-LEAST_UM_M = 1.0
 
 
-def families(fit: MixedFit, layout: Layout, every: Sequence[Count]) -> Iterator[Family]:
-    """Return every hypothesis of one unknown about the readings that are used, ``every`` count of them among them."""
+def families(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
+    """Return every hypothesis of one unknown about ``every`` count of the readings that are used."""
     for count in every:
         yield from _on_count(fit, count)
-    used = np.flatnonzero(fit.weight[: len(layout)] > 0)
-    setups = np.unique(layout.setup_index[used])
-    if len(setups) < 2:
-        return
-    along_m = along_the_way_m(layout)[used]
-    each = along_m[:, None] * (layout.setup_index[used, None] == setups)
-    yield _over_all(fit, used, each, kind=SCALE, named=setups, usual=5.0, free=30.0)
 
 
 def along_the_way_m(layout: Layout) -> Vector:
@@ -136,26 +126,6 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
         pattern=lambda places: steps_of(number, places + 2),
         critical=CRITICAL,
         least=LEAST_UM,
-    )
-
-
-def _over_all(
-    fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], usual: float, free: float
-) -> Family:
-    """Return hypotheses in um/m over all readings."""
-    response = tell(fit, rows, pattern)
-    return Family(
-        kind=kind,
-        rows=rows,
-        named=named,
-        shown=response.shown,
-        seen=np.diag(response.seen),
-        whole=response.whole,
-        pattern=lambda places: pattern[:, places],
-        critical=CRITICAL_OF_FEW,
-        least=LEAST_UM_M,
-        usual=usual,
-        free=free,
     )
 
 

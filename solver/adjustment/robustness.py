@@ -16,7 +16,7 @@ from stepdiag.base.messages import Argument, Message, Place, message
 from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.counts import Count
-from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STOP, Hypothesis, families, shown
+from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, STOP, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.linear.mixed import MixedFit
@@ -59,12 +59,12 @@ class Suspicion:
         return len(self.hypotheses) + len(self.wanders) < 2
 
 
-def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout, every: Sequence[Count]) -> Suspicion | None:
+def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> Suspicion | None:
     """Return the worst contradiction among the readings, None where all agree within their noise; ``every`` count of theirs."""
     # the misses of the machine take most of what checks a reading: in a small survey no reading alone is checked, and all together are
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
-    each = list(families(fit, layout, every))
+    each = list(families(fit, every))
     found = _likeliest(fit, columns, shown(fit, each, LEAST_SHOWN))
     wanders = wandering(fit, every, max(float(np.sqrt(fit.chi_square / max(fit.freedom, 1))), 1.0))
     if wanders and (found is None or wanders[0].gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
@@ -147,14 +147,11 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
 
 def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
     """Return the passes that explanations are about."""
-    scaled = {layout.setups[one.named].name for one in every if one.kind == SCALE}
-    named = {layout.passes[int(layout.pass_index[one.named])] for one in every if one.kind != SCALE}
-    return tuple(key.place for key in layout.passes if key.setup in scaled or key in named)
+    named = {layout.passes[int(layout.pass_index[one.named])] for one in every}
+    return tuple(key.place for key in layout.passes if key in named)
 
 
 def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
-    if one.kind == SCALE:
-        return finding("warning", message("setup-scale-off", setup=layout.setups[one.named].name, scale_um_m=one.size))
     key = layout.passes[int(layout.pass_index[one.named])]
     place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
     words = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
@@ -162,8 +159,6 @@ def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
 
 
 def _suspect(layout: Layout, one: Hypothesis) -> Message:
-    if one.kind == SCALE:
-        return message("suspect-scale", setup=layout.setups[one.named].name, scale_um_m=one.size)
     return message("suspect-stop" if one.kind == STOP else "suspect-step", place=layout.place(one.named), size_um=one.size)
 
 

@@ -19,6 +19,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
+from stepdiag.solver.methods.doubt import doubt_findings
 from stepdiag.solver.methods.finer import finer
 from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
 from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
@@ -208,7 +209,7 @@ def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) ->
     whole = replace(result, posterior=posterior)
     predicted, u_um = volume_report(whole, posterior)
     angles = angle_findings(found, done.spread, resolved, left_with_head_um(found, wider, u_um))
-    return replace(whole, findings=(*whole.findings, *angles), volumetric_u_um=u_um, predicted=predicted)
+    return replace(whole, findings=(*whole.findings, *angles, *doubt_findings(found)), volumetric_u_um=u_um, predicted=predicted)
 
 
 def _barely_seen(done: Estimate) -> Spread:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words, message
-from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.field import PRODUCTS, error_field_um
 from stepdiag.base.result.interval import Predicted
 from stepdiag.base.result.members import Budget, Drawn, MonteCarlo
 from stepdiag.base.result.posterior import Posterior
@@ -67,12 +67,12 @@ def make_posterior(
     ``wider`` are the covariances with that (`with_the_usual`): they say where the machine is to be expected.
     """
     first = found.first_cause("angles") if found.shapes.names else 0
-    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size))
-    seen, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
+    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
+    seen, unmeasured = machine, np.zeros((len(machine.names),) * 2)
     rows, u = usual_rows(quantities, known, found.assumed)
     if len(rows):
         seen, unmeasured = separated(machine, spread.fit.inverse, rows, u)
-        offset = _offset(machine, wider, spread, errors, known)
+    offset = _offset(machine, wider, spread, errors, known)
     posterior = posterior_of(spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
@@ -83,7 +83,8 @@ def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str
     Of a positioning function whose slope is not identified the rest is reported all the same.
     """
     expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
-    whole = np.array([known.get(name, True) and (name not in POSITIONING or known[name[-1]]) for name in machine.names])
+    tabled = [name not in PRODUCTS and known.get(name, True) and (name not in POSITIONING or known[name[-1]]) for name in machine.names]
+    whole = np.array(tabled)
     seen = whole & spread.fit.inverse.sees(machine.combination)
     reported = np.array([_value_at(errors.get(name), node) for name, node in zip(machine.names, machine.node, strict=True)])
     found: Vector = np.where(seen, 0.0, expected - reported)

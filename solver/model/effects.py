@@ -30,6 +30,7 @@ ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
+ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
 """Backlash at first stops beside the repeatability of an approach, before its size is found: overrun leaves none, a pass without it all."""
 WANDER_WAVES = 3

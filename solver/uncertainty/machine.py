@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.result.field import Tabulated, field_of_um, rigid_motions
+from stepdiag.base.result.field import PRODUCTS, Tabulated, field_of_um, rigid_motions
 from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
@@ -48,8 +48,11 @@ class Machine:
     on_causes: Vector
 
 
-def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: int) -> Machine:
-    """Return the machine's values at the nodes at which modes are written; unknown angles begin at ``first_cause`` of all ``causes``."""
+def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: int, products: Mapping[int, float] | None = None) -> Machine:
+    """Return the machine's values at the nodes at which modes are written; unknown angles begin at ``first_cause`` of all ``causes``.
+
+    ``products``: by cause, how large one unit of it is, for `PRODUCTS` in their order.
+    """
     found = reported(design)
     nodes = mode_nodes(design.volume)
     wanted = [*(sloped(name) if name in POSITIONING else name for name in DISPLACEMENTS), *SQUARENESS]
@@ -62,13 +65,17 @@ def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: in
         own = shapes.causes_of(name)
         rows = slice(place * len(inner), (place + 1) * len(inner))
         angles[rows, first_cause + own] = shapes.range_of(name) * shapes.at(inner / design.volume.increments)
-    width = base.combination.column.shape[1]
-    none = Rows(np.zeros((len(angles), width), dtype=np.int64), np.zeros((len(angles), width)), base.combination.count)
+    beside = np.zeros((len(products or {}), causes))
+    for row, (cause, size) in enumerate((products or {}).items()):
+        beside[row, cause] = size
+    width, more = base.combination.column.shape[1], len(angles) + len(beside)
+    none = Rows(np.zeros((more, width), dtype=np.int64), np.zeros((more, width)), base.combination.count)
+    named = (*(name.removeprefix("sloped ") for name in base.names), *(name for name in shapes.names for _ in inner))
     return Machine(
-        names=(*(name.removeprefix("sloped ") for name in base.names), *(name for name in shapes.names for _ in inner)),
-        node=np.concatenate([base.node, np.tile(inner, len(shapes.names))]),
+        names=(*named, *tuple(PRODUCTS)[: len(beside)]),
+        node=np.concatenate([base.node, np.tile(inner, len(shapes.names)), np.zeros(len(beside), dtype=np.int64)]),
         combination=base.combination.followed_by(none),
-        on_causes=np.vstack([np.zeros((len(base.names), causes)), angles]),
+        on_causes=np.vstack([np.zeros((len(base.names), causes)), angles, beside]),
     )
 
 
@@ -181,7 +188,7 @@ def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vec
 
 def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
     """Return rows of values (r, k) of one function at all nodes of the modes, zero where that is its definition; of a squareness (r, 1)."""
-    if name in SQUARENESS:
+    if name[0] != "E":
         return values
     nodes = mode_nodes(volume)
     table = np.zeros((len(values), len(nodes)))
@@ -223,7 +230,7 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
     for name in dict.fromkeys(names):
         mine = np.flatnonzero(np.array(names) == name)
         table = _table(name, np.array(node)[mine], volume, np.eye(len(mine)))
-        if name in SQUARENESS:
+        if name[0] != "E":
             field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
         else:
             nodes = volume.nodes_mm(AXIS_LETTERS.index(name[2]))[mode_nodes(volume)]

@@ -12,6 +12,12 @@ from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
 from stepdiag.base.volume import Vector, Volume, diagonal_direction, travel_signs
 
+PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
+    **{f"{'XYZ'[component]}({'xyz'[a]}{'xyz'[b]})": (component, (a, b)) for component in range(3) for a, b in ((0, 1), (0, 2), (1, 2))},
+    "Z(yyz)": (2, (1, 1, 2)),
+}
+"""Errors that no function of one axis describes, by name: component, and the axes whose shares of the travel are multiplied. Each is what a
+machine does at the far corner, in um: an axis bends where another carries it further out; a ram sags."""
 BEYOND_MM = 1.0
 """So far may a target lie outside of the measured volume: functions are held there."""
 
@@ -86,7 +92,7 @@ def evenly(position_mm: Vector) -> Vector:
 def field_of_um(
     volume: Volume, chain: str, functions: Mapping[str, Tabulated | Smoothed], squareness: Mapping[str, Vector], points_mm: Vector
 ) -> Vector:
-    """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um.
+    """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um; ``squareness`` may hold `PRODUCTS`.
 
     ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` plus the squarenesses of contract 1: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z. Arms and
     squarenesses count from the low corner of the volume, where every function is zero by definition.
@@ -95,7 +101,11 @@ def field_of_um(
     from_corner = points - np.asarray(volume.origin_mm)
     machines = max([len(table.value) for table in functions.values()] + [len(value) for value in squareness.values()], default=1)
     parts = np.zeros((3, machines, len(points)))
-    if squareness:
+    for name in squareness.keys() & PRODUCTS.keys():
+        component, axes = PRODUCTS[name]
+        share = np.prod(from_corner[:, axes] / np.asarray(volume.length_mm)[list(axes)], axis=1)
+        parts[component] += np.asarray(squareness[name])[:, None] * share
+    if squareness.keys() & set(SQUARENESS):
         c0y, b0z, a0z = (1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS)
         _, y, z = from_corner.T
         parts[0] += -c0y * y + b0z * z

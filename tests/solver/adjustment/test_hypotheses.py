@@ -242,7 +242,7 @@ def test_what_is_left_of_a_count_is_what_each_pattern_tells_by_itself():
     found = adjusted(Bench(seed=1, increments=3).survey(passes=(1, 2), joined=True))
     for count in counts(found.fit.fixed, found.layout)[::3]:
         size = len(count.rows)
-        for family in list(families(found.fit, found.layout, [count]))[:2]:
+        for family in list(families(found.fit, [count]))[:2]:
             places = np.arange(len(family.named))
             alone = tell(found.fit, count.rows, family.pattern(places))
             assert family.seen == pytest.approx(np.diag(alone.seen), abs=1e-7)

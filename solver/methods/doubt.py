@@ -1,0 +1,138 @@
+"""A survey that is more probably wrong than right: what may be wrong, what each would make of the volume, and what separates them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
+from stepdiag.base.readings.runs import Plan, Run, run_minutes
+from stepdiag.base.setups import Setup
+from stepdiag.base.volume import Vector
+from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.adjustment.diagnostics import scale_findings
+from stepdiag.solver.adjustment.explanations import DECIMALS, PRODUCT, SCALE, suspect
+from stepdiag.solver.linear.components import sized
+from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.model.effects import BESIDE, GROWTH, ONE_SCALE, ONE_WALK, SETUP_SCALE
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
+
+ALONE = 100.0
+"""So many times the size that is left open for it explains all that it can."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """What may be wrong: its probability, its words, the passes it is about, and its causes: the effect and the places in it."""
+
+    share: float
+    words: Message
+    passes: tuple[str, ...] = ()
+    effect: str
+    causes: slice
+
+
+def doubt_findings(found: Adjustment) -> list[Finding]:
+    """Return the finding on a survey of which something is wrong and nothing has a name: what it may be, the most probable first, what each
+    makes of the volume, and what separates them.
+
+    Nothing where the lengths contradict each other by more than chance: all candidates are named there (`scale_findings`).
+    """
+    if not found.explained.unnamed or scale_findings(found):
+        return []
+    every, volume = sorted(candidates(found), key=lambda one: -round(one.share, DECIMALS)), Volumes.of(found)
+    if len(every) < 2:
+        return []
+    suspects = [message("suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one))) for one in every]
+    among = {place for one in every for place in one.passes}
+    setup, minutes = separating(found.layout, every)
+    words = message("contradiction-ambiguous.open", suspects=suspects, setup=setup, minutes=minutes)
+    return [finding("warning", words, among=tuple(one.place for one in found.layout.passes if one.place in among))]
+
+
+def candidates(found: Adjustment) -> list[Candidate]:
+    """Return all that is left open beside a survey, and growth beyond the usual."""
+    explained, layout = found.explained, found.layout
+    every = [Candidate(share=explained.growth, words=message("suspect-growth"), effect=GROWTH, causes=slice(None))]
+    for kind, effect in ((SCALE, ONE_SCALE), (PRODUCT, BESIDE)):
+        for place, at in enumerate(explained.of(kind)):
+            name = layout.setups[explained.named[at]].name if kind != PRODUCT else ""
+            every.append(
+                Candidate(
+                    share=float(explained.share[at]),
+                    words=suspect(layout, explained, int(at)),
+                    passes=tuple(key.place for key in layout.passes if key.setup == name),
+                    effect=effect,
+                    causes=slice(place, place + 1),
+                )
+            )
+    return [one for one in every if one.share > 0.0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Volumes:
+    """What the machine does over the volume, rigid motion removed: ``fields`` (k, 3 points) for one unit of each value of ``machine``."""
+
+    found: Adjustment
+    machine: Machine
+    fields: Vector
+
+    @classmethod
+    def of(cls, found: Adjustment) -> "Volumes":
+        """Return the volume of an adjustment."""
+        first = found.first_cause("angles") if found.shapes.names else 0
+        machine = machine_of(found.design, found.shapes, first, len(found.fit.size), found.products)
+        return cls(found=found, machine=machine, fields=free_fields_um(machine, found.layout.volume, found.design.chain))
+
+    @property
+    def reported_um(self) -> Vector:
+        """Return the error as it is reported, shape (3 points,)."""
+        return self._over_volume(self.found.fit)
+
+    def apart_um(self, one: Candidate) -> Vector:
+        """Return by how much the machine differs from that where one explanation is what happened and no other."""
+        return self._over_volume(_alone(self.found, one)) - self.reported_um
+
+    def _over_volume(self, fit: MixedFit) -> Vector:
+        value = self.machine.combination.times(fit.unknowns) + self.machine.on_causes @ fit.amount
+        over: Vector = value @ self.fields
+        return over
+
+
+def rms_um(field_um: Vector) -> float:
+    """Return the root mean square length of an error vector over the volume; ``field_um`` has the shape (3 points,)."""
+    return float(np.sqrt(3.0 * np.mean(field_um**2)))
+
+
+def _alone(found: Adjustment, one: Candidate) -> MixedFit:
+    """Return the fit where one explanation is true: it may have any size, all others none; growth is as usual, or as large as found."""
+    factors = []
+    for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
+        usual = min(1.0, 1.0 / size) if effect.name in (GROWTH, SETUP_SCALE) else 1.0
+        factor = np.full(effect.count, 0.0 if effect.name in (ONE_SCALE, ONE_WALK, BESIDE) else usual)
+        if effect.name == one.effect:
+            factor[one.causes] = 1.0 if effect.name == GROWTH else ALONE
+        factors.append(factor)
+    return sized(found.fit, np.concatenate(factors))
+
+
+def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
+    """Return the setup that is worth driving again with laser and target set up anew, and the minutes it takes: the one that changes
+    the odds most in a minute (by the variance of whether the cause lies in it)."""
+    found = []
+    for setup in layout.setups:
+        share = sum(one.share for one in every if any(place.startswith(f"{setup.name}/") for place in one.passes))
+        minutes = minutes_of(layout, setup)
+        found.append((round(share * (1.0 - share) / minutes, DECIMALS), setup.name, minutes))
+    _, name, minutes = max(found, key=lambda one: one[0])
+    return name, minutes
+
+
+def minutes_of(layout: Layout, setup: Setup) -> float:
+    """Return how long driving a setup takes with usual times, as often as it was driven."""
+    mine = [key for key in layout.passes if key.setup == setup.name]
+    both = len({key.outward for key in mine}) > 1
+    run = Run(setup=setup.name, repeats=max(len(mine) // (2 if both else 1), 1), return_pass=both)
+    return run_minutes(Plan(volume=layout.volume, runs=(run,)), run)
