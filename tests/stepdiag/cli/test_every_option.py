@@ -246,7 +246,6 @@ COVERED: dict[str, dict[str, list[str]]] = {
     "run": {"stepdiag/cli/test_entry.py": ["--verbose"]},
     "pack": {},
     "page": {},
-    "archive check": {},
     "status": {"stepdiag/cli/test_status.py": ["--json"]},
     "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
     "correct": {"daq/capture/test_cause.py": ["--name", "--yes"]},
