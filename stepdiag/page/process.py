@@ -26,7 +26,6 @@ from starlette.applications import Starlette
 from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import message
 from stepdiag.daq.service.priority import lower_priority
-from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.app import Page, create_app
 from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop, PunctualProtocol
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
@@ -69,6 +68,8 @@ def serve_activated(survey_file: Path) -> None:
 
     The secrets are credentials of this unit: the daemon has none of them.
     """
+    from stepdiag.daq.survey.file import load_survey  # brings numpy, which the page of a daemon's child does not load
+
     survey = load_survey(survey_file)
     settings = page_settings(survey_file, survey)
     line = _called(Path(os.environ[SOCKET]))

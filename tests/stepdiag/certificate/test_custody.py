@@ -12,6 +12,7 @@ import pytest
 from lxml import etree
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.files import write_hashed
 from stepdiag.base.readings.readings import render_readings
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import parse_result
@@ -254,6 +255,7 @@ def test_result_of_unknown_origin_has_no_chain(folder: Path) -> None:
     document = json.loads(path.read_text(encoding="utf-8"))
     del document["sources"]
     path.write_text(json.dumps(document), encoding="utf-8")
+    (folder / "result.json.sha256").unlink()  # of a result that another program wrote
     (folder / "c.xml").unlink()
     assert certify(folder).code == 0
     assert verdict(folder) == "custody-sources"
@@ -281,7 +283,9 @@ def test_survey_after_loading_is_of_this_machine_and_later(folder: Path, changed
     found = parse_result((folder / "result.json").read_text(encoding="utf-8"))
     for name, facts in (("result.json", {"ended": "2026-05-31 10:00 UTC"}), ("after.json", {"ended": "2026-06-01 10:00 UTC", **changed})):
         of_machine = replace(found, survey=Facts(**{"machine": "Mill 7", **facts}))
-        (folder / name).write_text(of_machine.to_json(), encoding="utf-8")
+        for each in (name, f"{name}.sha256"):
+            (folder / each).unlink(missing_ok=True)
+        write_hashed(folder / name, of_machine.to_json())
     told = stepdiag(
         "certificate", folder / "result.json", "--as-left", folder / "after.json", "--laboratory", folder / "laboratory.toml",
         "--out", folder / "d.xml",
