@@ -73,7 +73,7 @@ honesty: $(VENV)/.ready ## does what the solver says of itself hold, against exa
 # ten thousand bits, and machines that stand exactly at their tolerance: half an hour
 custody: $(VENV)/.ready ## is every flipped bit found, and how often is a machine at its limit accepted
 	PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.custody
-	$(VENV)/bin/python -m benchmarks.acceptance
+	PYTHONPATH=tests/lib $(VENV)/bin/python -m benchmarks.acceptance
 
 format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .

@@ -20,6 +20,7 @@ from stepdiag.base.result.prediction import VOLUMETRIC_LARGEST, VOLUMETRIC_RMS
 from stepdiag.base.result.result import POSITIONING, Result
 from stepdiag.base.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
+from testkit.rates.limits import volumes_at_their_limit
 
 FIRST = 460_000
 """Seeds that nothing else draws."""
@@ -55,6 +56,8 @@ def main() -> None:
     parser.add_argument("--surveys", type=int, default=2000)
     parser.add_argument("--first", type=int, default=FIRST)
     given = parser.parse_args()
+    accepted, rejected = volumes_at_their_limit(given.surveys)
+    print(f"volume with an exact posterior: {given.surveys} machines: accepted {100 * accepted:.2f} %, rejected {100 * rejected:.2f} %")
     count: dict[str, Counter[Verdict]] = {}
     refused = 0
     for seed in range(given.first, given.first + given.surveys):

@@ -10,14 +10,11 @@ from hypothesis import strategies as st
 
 from stepdiag.base.conformity import conformity_of, probability, together, verdict_of, with_tolerance
 from stepdiag.base.names import BODY_DIAGONALS
-from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.result.members import Conformity, StandardFigures
-from stepdiag.base.result.posterior import Posterior
-from stepdiag.base.result.prediction import predicted
-from stepdiag.base.result.result import DISPLACEMENTS, parse_result
-from stepdiag.base.volume import rms
-from testkit.exact.results import VOLUME, made_result
+from stepdiag.base.result.result import parse_result
+from testkit.exact.results import made_result
 from testkit.exact.surveys import LINEAR, Bench, solved
+from testkit.rates.limits import posterior_of, volumes_at_their_limit
 
 MACHINES = 2000
 STATED, BAND = 0.025, 0.01
@@ -88,40 +85,17 @@ def test_number_at_its_limit_is_accepted_at_the_stated_risk():
     assert accepted / MACHINES == pytest.approx(STATED, abs=BAND)
 
 
-def _posterior(modes: dict[str, np.ndarray]) -> Posterior:
-    at = {axis: VOLUME.nodes_mm(index) for index, axis in enumerate("XYZ")}
-    return Posterior(position_mm=at, offset={}, modes=modes, rest={}, between_um={})
-
-
 def test_volume_at_its_limit_is_accepted_at_the_stated_risk():
-    """2,000 machines with a volumetric error (rms) of exactly the tolerance, each measured once, with a posterior of eight modes."""
-    rng, tolerance, nodes = np.random.default_rng(11), 10.0, np.linspace(0, np.pi, VOLUME.increments + 1)
-    shapes = {name: np.array([np.sin((k + 1) * nodes) for k in range(2)]) for name in DISPLACEMENTS}
-    mixed = {name: rng.normal(0, 0.45, (8, 2)) @ shape for name, shape in shapes.items()}
-    axes = [VOLUME.nodes_mm(index)[[0, 1, 3]] for index in range(3)]  # at targets: between them the curve through the values is bent
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    accepted = refused = 0
-    for _ in range(MACHINES):
-        drawn = {name: rng.normal(0, 3.0, 2) @ shape for name, shape in shapes.items()}
-        field = without_rigid_motion(VOLUME, points, error_field_um(made_result(drawn), points))
-        times = tolerance / (rms(field) * np.sqrt(3.0))
-        z = rng.standard_normal(8)
-        result = made_result({name: times * value + z @ mixed[name] for name, value in drawn.items()})
-        known = replace(result, posterior=_posterior(mixed), tolerance={"volumetric_rms_um": tolerance})
-        found = predicted(known, points, np.zeros_like(points)).without_rigid_motion["before"].rms_um
-        verdict = verdict_of(found.low_um, found.high_um, tolerance)
-        assert found.within is not None
-        assert found.within > 0.975 or verdict != "conform"
-        accepted += verdict == "conform"
-        refused += verdict == "not_conform"
-    assert accepted / MACHINES == pytest.approx(STATED, abs=BAND)
-    assert refused / MACHINES <= STATED
+    """Of 250 machines: 2,000 are counted by `python -m benchmarks.acceptance`."""
+    accepted, refused = volumes_at_their_limit(250)
+    assert accepted == pytest.approx(STATED, abs=2 * BAND)
+    assert refused <= STATED + BAND
 
 
 def test_range_of_a_function_is_drawn_and_skewed():
     """A straightness of nothing but noise has a range above zero: the interval holds that, and the probability follows the draws."""
     modes = {"EYX": 0.5 * np.eye(5)}
-    result = replace(made_result(u_um=0.6), posterior=_posterior(modes))
+    result = replace(made_result(u_um=0.6), posterior=posterior_of(modes))
     (judged,) = with_tolerance(result, {"EYX": 1.0}).conformity.as_found
     assert 0.0 < judged.low < judged.value < judged.high
     assert 0.02 < judged.probability < 0.9
@@ -142,7 +116,7 @@ def test_range_at_its_limit_is_accepted_at_the_stated_risk_at_most(shape, reject
     for _ in range(MACHINES // 2):
         result = made_result({"EYX": np.array(shape) + rng.standard_normal(5) @ lined})
         errors = {**result.errors, "EYX": replace(result.errors["EYX"], u=np.sqrt(np.sum(lined**2, axis=0)))}
-        known = replace(result, errors=errors, posterior=_posterior({"EYX": modes}), tolerance={"EYX": float(np.ptp(shape))})
+        known = replace(result, errors=errors, posterior=posterior_of({"EYX": modes}), tolerance={"EYX": float(np.ptp(shape))})
         verdicts.append(conformity_of(known).as_found[0].verdict)
     assert verdicts.count("conform") / len(verdicts) <= STATED + BAND
     assert verdicts.count("not_conform") / len(verdicts) <= rejected
@@ -192,13 +166,13 @@ def test_survey_is_judged_as_found_and_predicted_and_reads_back():
 def test_what_is_predicted_is_what_stays_unknown_after_an_ideal_compensation():
     """A squareness is zero within its U; the range of a straightness is that of its noise; angles, E and A are in no table."""
     modes = {"EYX": 0.5 * np.eye(5)}
-    result = replace(made_result({"EYX": np.array([0.0, 40.0, 0.0, -40.0, 0.0])}), posterior=_posterior(modes))
+    result = replace(made_result({"EYX": np.array([0.0, 40.0, 0.0, -40.0, 0.0])}), posterior=posterior_of(modes))
     judged = with_tolerance(result, {"squareness_urad": 20.0, "EYX": 10.0, "EBX": 10.0, "positioning_e_um": 10.0}).conformity
     assert {one.quantity: one.verdict for one in judged.as_found}["EYX"] == "not_conform"
     predicted_of = {one.quantity: one for one in judged.predicted}
     assert set(predicted_of) == {"C0Y", "B0Z", "A0Z", "EYX"}
     assert predicted_of["EYX"].verdict == "conform"
-    noise = replace(made_result(), posterior=_posterior(modes))
+    noise = replace(made_result(), posterior=posterior_of(modes))
     assert predicted_of["EYX"].high == with_tolerance(noise, {"EYX": 10.0}).conformity.as_found[0].high
     for name, number in result.squareness.items():
         assert (predicted_of[name].low, predicted_of[name].high) == (-2.0 * number.u, 2.0 * number.u)
