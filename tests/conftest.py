@@ -51,6 +51,17 @@ TOGETHER = {
 """Beginnings of the names of tests that one process runs."""
 
 LONGEST = (
+    "tests/stepdiag/cli/test_every_option.py",
+    "tests/solver/planning/test_planner.py",
+    "tests/solver/methods/test_positions.py",
+    "tests/daq/capture/references/test_references.py",
+    "tests/daq/capture/test_cause.py",
+    "tests/solver/model/test_lateral.py",
+    "tests/stepdiag/comparing/test_compare.py",
+    "tests/solver/references/test_references.py",
+    "tests/stepdiag/certificate/test_custody.py",
+    "tests/stepdiag/certificate/test_report_beside.py",
+    "tests/fuzz/test_command_line.py",
     "tests/system/service/test_deb.py",
     "tests/system/service/test_systemd_boot.py",
     "tests/system/service/test_unit_elsewhere.py",

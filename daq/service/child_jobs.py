@@ -51,6 +51,7 @@ class Finisher:
         self.message: Words = ""
         self.result: Path | None = None
         self.ahead = AheadStatus()
+        self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
         """Hear whether the last log is closed: before that it is not read."""
@@ -62,6 +63,8 @@ class Finisher:
     def finish(self, folder: Path) -> None:
         """Begin to solve the survey of a folder."""
         self._begin(self._finish(folder), f"completion {folder.name}")
+        if self._looking is not None:
+            self._looking.cancel()  # the result shows more than what is solved so far, and it does not wait
         self.phase, self.message = "solving", ""
 
     def tabulate(self, folder: Path, then: Callable[[], None]) -> None:
@@ -75,7 +78,7 @@ class Finisher:
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
         """Begin to work out what to drive next; ``then`` is called when it is known, or cannot be."""
         if self._commands.ahead:
-            self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
+            self._looking = self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
 
     def take(self, then: Callable[[], None]) -> None:
         """Begin to put the further setup into the survey file; ``then`` is called when it is in it, or cannot be."""
@@ -92,10 +95,11 @@ class Finisher:
             child.cancel()
         await asyncio.gather(*self._children, return_exceptions=True)
 
-    def _begin(self, work: Coroutine[None, None, None], name: str) -> None:
+    def _begin(self, work: Coroutine[None, None, None], name: str) -> asyncio.Task[None]:
         task = asyncio.create_task(work, name=name)
         self._children.add(task)
         task.add_done_callback(self._children.discard)
+        return task
 
     async def _run(self, *command: str) -> tuple[int, Words]:
         """Return how a child ended and its last words; one after the other, for two would write the same readings."""

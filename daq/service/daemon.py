@@ -71,7 +71,12 @@ class Daemon:
         self._text = read_text(survey_file)
         self._run_record = run_record(self.survey, survey_file)
         self._folder = self.survey.folder(survey_file)
-        self._commands = Commands(completion=completion, archiving=archiving, ahead=ahead, max_gb=self.survey.recording.max_gb)
+        self._commands = Commands(
+            completion=completion,
+            archiving=archiving,
+            ahead=ahead if self.survey.plan.propose_next else (),
+            max_gb=self.survey.recording.max_gb,
+        )
         self._programs = programs
         self._changed_ns = _modified_ns(survey_file)
         self._notifier = Notifier()

@@ -88,6 +88,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     fourdof_setup_min: NotNegative = 25.0
     beam_shift_min: NotNegative = 5.0
     beam_offset: tuple[BeamOffset, ...] = ()
+    propose_next: bool = True
 
     @property
     def offsets_mm(self) -> dict[str, Triple]:

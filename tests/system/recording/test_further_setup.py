@@ -15,7 +15,7 @@ SIZES = 'compensation = "off"\n[uncertainty]\nbetween_um = 0.0\nshape_um = 0.1\n
 
 
 def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
-    with hall(tmp_path, setups=SETUPS, back=True, handshake=True, machine=SIZES) as place:
+    with hall(tmp_path, setups=SETUPS, back=True, propose=True, handshake=True, machine=SIZES) as place:
         planned = place.survey.read_text()
         place.survey.write_text(planned.replace(', "linear-x"]', "]"))
         with daemon(place.survey) as process:

@@ -113,7 +113,8 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
         inside("mkdir", "--parents", "/etc/stepdiag")
         inside("stepdiag", "init", "/etc/stepdiag/deb-test.toml")
         unit = inside("stepdiag", "service", "install", "/etc/stepdiag/deb-test.toml", "--dry-run")
-        assert "ExecStart=/opt/stepdiag/bin/stepdiag" in unit
+        assert "stepdiag@deb-test.service.d" in unit
+        assert "ExecStart=/opt/stepdiag/bin/stepdiag" in inside("cat", "/usr/lib/systemd/system/stepdiag@.service")
         completion = "/usr/share/bash-completion/completions/stepdiag"
         shell = f". {completion}; COMP_WORDS=(stepdiag exp); COMP_CWORD=1; _stepdiag; echo ${{COMPREPLY[@]}}"
         assert inside("bash", "-c", shell).split() == ["export"]
@@ -135,6 +136,7 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
     for each in (*root.glob("etc/systemd/system/stepdiag*"), *root.glob("etc/systemd/system/*.wants/stepdiag*")):
         as_root("rm", "-rf", each)  # what the test of the boot has left
     as_root("rm", "-rf", root / "opt/stepdiag", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
+    as_root("install", "-d", root / "opt")  # a package that is removed takes an empty one with it
     as_root("cp", file, root / "opt/stepdiag.deb")
     try:
         with booted(root, "stepdiag-deb-test") as system:

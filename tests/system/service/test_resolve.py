@@ -3,6 +3,7 @@
 Nobody without a certificate reaches a scheduler or a worker, from this computer neither.
 """
 
+import hashlib
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ import pytest
 
 from stepdiag.base.result.members import software
 from stepdiag.fleet.archive import add
-from stepdiag.fleet.store import Store
+from stepdiag.fleet.store import Store, manifest_of
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey, series_of
 from testkit.running.ports import listening
@@ -84,6 +85,9 @@ def test_another_version_writes_beside_says_what_changed_and_goes_on_where_it_st
         if number == 0:
             result["squareness"]["C0Y"] = {"value": 5000.0, "u": 1.0, "u_readings": 1.0, "unit": "urad"}
         path.write_text(json.dumps(result), encoding="utf-8")
+        files, table = store.listed(place)
+        files = {**files, "result.json": hashlib.sha256(path.read_bytes()).hexdigest()}
+        Path(store.path(place.listed)).write_bytes(manifest_of(place, files, table))
     with cluster(tmp_path) as there:
         found = json.loads(finished(resolving(store, *there.options, "--machine", "M1", "--json")))
         assert [each["outcome"] for each in found] == ["solved anew"]

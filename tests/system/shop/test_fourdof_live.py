@@ -1,7 +1,6 @@
 """`stepdiag fourdof` live: a head that talks on a pty (binary, ASCII) or answers on it (tqd)."""
 
 import json
-import re
 import time
 from contextlib import contextmanager
 
@@ -74,20 +73,6 @@ def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(tm
     kept = json.loads(fourdof("stability", tmp_path / "kept.csv", *rest))
     assert live["straightness x"]["removed_percent"] > 80.0
     assert kept["straightness x"]["raw_fluctuation"] == pytest.approx(live["straightness x"]["raw_fluctuation"], rel=0.02)
-
-
-@pytest.mark.impatient
-def test_signs_wait_for_the_person_at_each_distance(tmp_path):
-    """Live there is somebody to move the target in between: Enter begins each wobble."""
-    with talking_head(tmp_path, amplitude=200.0) as survey:
-        said = fourdof(
-            "signs", "--at", f"500={survey}", "--calibration", tmp_path / "head.toml", "--out", tmp_path / "signed.toml", "--seconds", 2,
-            typed="\n",
-        )  # fmt: skip
-    assert "wobble, target at 500 mm: press Enter to begin" in said
-    assert "x: signs right" in said
-    (lever,) = re.findall(r"y: effective lever ([0-9.]+) mm", said)
-    assert float(lever) == pytest.approx(530.0, abs=2.0)
 
 
 @pytest.mark.impatient

@@ -59,6 +59,7 @@ setups = [{setups}]
 return_pass = {back}
 dwell_s = 0.6
 overrun_mm = {overrun}
+propose_next = {propose}
 [machine]
 {machine}
 [laser]
@@ -135,6 +136,7 @@ def hall(
     laser_survey="",
     faults="",
     program="",
+    propose=False,
     signals="",
     plc_bench="",
     machine='compensation = "off"',
@@ -193,6 +195,7 @@ def hall(
                 exports=exports,
                 machine=machine,
                 page=str(page).lower(),
+                propose=str(propose).lower(),
                 page_port=page_port,
             ),
             encoding="utf-8",
