@@ -10,6 +10,7 @@ import typer.testing
 
 from stepdiag.base.errors import StepdiagError
 from stepdiag.cli.app import app, build
+from stepdiag.daq.service import priority
 from stepdiag.terminal.exits import EXIT_CODES
 
 
@@ -23,6 +24,8 @@ class Told(NamedTuple):
 
 # the runner builds all commands anew for each call, which costs more than most calls: a command keeps nothing of a call
 vars(typer.testing)["_get_command"] = cache(typer.main.get_command)
+# what a command of the recorder does to its process would stay on that of the tests: less important, and on one processor
+vars(priority)["lower_priority"] = lambda: None
 
 
 @cache
