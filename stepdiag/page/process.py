@@ -31,7 +31,6 @@ from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
 from stepdiag.page.metrics import create_metrics
 from stepdiag.page.remote import RemoteDaemon
-from stepdiag.page.settings import page_settings
 from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 
 THREADS = 4
@@ -68,7 +67,9 @@ def serve_activated(survey_file: Path) -> None:
 
     The secrets are credentials of this unit: the daemon has none of them.
     """
-    from stepdiag.daq.survey.file import load_survey  # brings numpy, which the page of a daemon's child does not load
+    # both bring numpy, which the page that a daemon starts does not load
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.page.settings import page_settings
 
     survey = load_survey(survey_file)
     settings = page_settings(survey_file, survey)
