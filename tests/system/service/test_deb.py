@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.exact.surveys import DATA
 from testkit.installing import SURVEY
 from testkit.running.boot import CHECKOUT, as_root, booted, built_wheel, debian_root, write
@@ -143,7 +144,8 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
             install = ("dpkg", "--install", "/opt/stepdiag.deb")
             system.run(*install)
             assert [system.run("id", "-un", name).strip() for name in ACCOUNTS] == list(ACCOUNTS)
-            write(survey, SURVEY)
+            text = f"{SURVEY}\n[page]\nport = {reserved_port()}\n"  # the usual one may be that of another test's page
+            write(survey, text)
             write(old, "a copy of an older version\n")
             system.run("stepdiag", "service", "install", "/etc/stepdiag/mill.toml")
             assert not old.exists(), "it would hide the package's unit for ever"
@@ -168,7 +170,7 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
             told = system.run("dpkg", "--purge", "stepdiag")
             assert "/var/lib/private/stepdiag stays" in told
             assert list(root.glob("etc/systemd/system/stepdiag*")) == []
-            assert (log.read_text(), survey.read_text()) == ("measured", SURVEY)
+            assert (log.read_text(), survey.read_text()) == ("measured", text)
     finally:
         as_root("rm", "-rf", root / "opt/stepdiag.deb", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
 
