@@ -5,7 +5,7 @@ changed, and the survey file as it counts from then on. Where a pass ends depend
 stream of events by the session that recorded them: a pass that a wrong map cut in two is whole again.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,12 +19,11 @@ from stepdiag.base.messages import message
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.contents import LogEnd, open_log
-from stepdiag.daq.log.topics import Note
-from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.daq.recording.verdicts import CORRECTED, append_line, lines_of
-from stepdiag.daq.records.events import Chunk, Event
+from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.replay import Replayed, ReplayedLog, replay
 from stepdiag.daq.survey.amended import without_further
 from stepdiag.daq.survey.bundle import bundle_from_run
@@ -170,26 +169,6 @@ def must_reread(logs: Sequence[Path], text: str) -> bool:
     return any(each is None or any(change.reads_otherwise for change in each) for each in found)
 
 
-class _Nowhere:
-    """A sink that keeps nothing."""
-
-    def begin(self, path: Path, header: LogHeader) -> None:
-        pass
-
-    def admit(self, event: Event) -> tuple[Event, ...]:
-        return (event,)
-
-    def note(self, note: Note) -> None:
-        del note
-
-    def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        del note
-        saved()
-
-    def end(self, status: ExitStatus, reason: str = "") -> None:
-        pass
-
-
 def replay_corrected(
     logs: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
 ) -> Replayed:
@@ -238,7 +217,7 @@ def reread(
     found: list[tuple[Path, Outcome]] = []
     at, offset_ns = logs[0], open_log(logs[0]).header.wall_offset_ns
     session = Session(
-        survey, text, Round(logs[0].parent, {}), _Nowhere(), on_outcome=lambda outcome: found.append((at, outcome)),
+        survey, text, Round(logs[0].parent, {}), Nowhere(), on_outcome=lambda outcome: found.append((at, outcome)),
         wall_offset_ns=lambda: offset_ns,
     )  # fmt: skip
     session.book.foretell(suspicions)

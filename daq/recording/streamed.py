@@ -5,21 +5,17 @@ log, its replay, the doubts and the result are those of a laser that was recorde
 signals (`daq.capture.by_laser`).
 """
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.log.codec import whole_us
-from stepdiag.daq.log.part_file import PartFile
-from stepdiag.daq.log.topics import Note
-from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
 from stepdiag.daq.recording.series import Series
 from stepdiag.daq.recording.session import Round, Session
-from stepdiag.daq.records.events import Chunk, Event, LinkEvent
+from stepdiag.daq.recording.sinks import DirectSink
+from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.formats import laser_decoder
 from stepdiag.daq.survey.models import Survey
@@ -34,38 +30,6 @@ format = "line"
 pattern = '(?P<counter>[0-9]+) (?P<position>-?[0-9.]+)'
 counter_modulus = 1000000000"""
 """What a survey file for such lines holds, beside ``port``, ``compensated`` and ``rate_hz``."""
-
-
-class DirectSink:
-    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`): nothing here waits for a disk."""
-
-    def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin a log. Raises FileExistsError where one is in its place."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = PartFile(path)
-        self._writer = LogWriter(self._file, header)
-
-    def admit(self, event: Event) -> tuple[Event, ...]:
-        """Write an event; return it as the log keeps it."""
-        event = whole_us(event)
-        self._writer.event(event)
-        return (event,)
-
-    def note(self, note: Note) -> None:
-        """Write a note."""
-        self._writer.note(note)
-
-    def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Write a note and report it."""
-        self._writer.note(note)
-        saved()
-
-    def end(self, status: ExitStatus, reason: str = "") -> None:
-        """Finish the log, give it its name and wait for the disk."""
-        self._writer.finish(status, reason, {})
-        self._file.drain()
-        self._file.publish()
-        self._file.close()
 
 
 def require_such_lines(survey: Survey, source: str) -> float:

@@ -16,7 +16,6 @@ from playwright.sync_api import Browser, Page, expect
 from stepdiag.base.messages import Place
 from stepdiag.base.messages import message as say
 from stepdiag.base.readings.runs import Plan, Run
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
@@ -25,6 +24,7 @@ from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
 from testkit.played import COUNTS_LOST, PlayedSurvey, Served, served
+from testkit.routes import make_route
 
 GONE = LinkStatus(state="silent", address="x", age_s=9.0)
 

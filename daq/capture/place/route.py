@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
-from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
+from stepdiag.base.readings.runs import Plan, run_stops_mm
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.standing.dwell import STILL_MM
 
 STEP_TOLERANCE = 0.02
@@ -87,11 +86,6 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
     for column in (stops, nominal):
         column.setflags(write=False)
     return Route(setup=setup, outward=number % 2 == 1, stops_mm=stops, nominal_mm=nominal)
-
-
-def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:
-    """Return the route of a pass of a setup on its usual line."""
-    return route_of(Plan(volume=volume, runs=(Run(setup=setup),), axis_order=axis_order), setup, 1 if outward else 2)
 
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:

@@ -9,9 +9,9 @@ from stepdiag.base.errors import UsageError
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.survey.file import laser_decoder, parse_survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
+from testkit.routes import make_route
 
 SURVEY = """
 [survey]

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.alignment import POSSIBLE_MRAD, mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
+from testkit.routes import make_route
 from testkit.timeline import survey_text
 
 BACKLASH_MM = 0.008

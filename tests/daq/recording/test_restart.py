@@ -6,10 +6,11 @@ from stepdiag.base.findings import Finding
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.recording.rounds import latest_round
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import find_logs, replay
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.driven import WALL_OFFSET_NS, Fault, Folder, Program, machine_of, survey_file
+from testkit.exact.driven import WALL_OFFSET_NS, Fault, Program, machine_of, survey_file
 from testkit.timeline import SETUPS as NUMBERS
 from testkit.timeline import Timeline
 
@@ -20,7 +21,7 @@ SETUPS = ("ppp", "npp")
 def session_of(text, begun, said):
     begun.folder.mkdir(exist_ok=True)
     survey = parse_survey(text, "survey.toml")
-    return Session(survey, text, begun, Folder(), on_outcome=said.append, wall_offset_ns=lambda: WALL_OFFSET_NS)
+    return Session(survey, text, begun, DirectSink(), on_outcome=said.append, wall_offset_ns=lambda: WALL_OFFSET_NS)
 
 
 def cut(folder, text, events, at_end):

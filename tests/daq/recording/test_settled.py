@@ -3,9 +3,10 @@
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.settled import Settled
+from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.daq.recording.verdicts import accept
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.driven import WALL_OFFSET_NS, Fault, Nowhere, Program, machine_of, survey_file
+from testkit.exact.driven import WALL_OFFSET_NS, Fault, Program, machine_of, survey_file
 
 LOOKS_S = 0.1
 STAYS_S, GONE_S = 0.8, 6.0

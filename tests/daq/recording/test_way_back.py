@@ -7,9 +7,10 @@ import pytest
 
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.driven import WALL_OFFSET_NS, Nowhere, Program, machine_of, survey_file
+from testkit.exact.driven import WALL_OFFSET_NS, Program, machine_of, survey_file
 from testkit.fault_cases import STOPPED
 from testkit.timeline import Timeline
 

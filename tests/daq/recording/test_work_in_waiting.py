@@ -8,10 +8,11 @@ import pytest
 
 from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.daq.records.events import Chunk, ModbusBlock
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.virtual.instruments.lasers import BOARDS, UmdBoard
-from testkit.exact.driven import WALL_OFFSET_NS, Nowhere
+from testkit.exact.driven import WALL_OFFSET_NS
 from testkit.recording import BLOCK
 from testkit.timeline import arrival
 

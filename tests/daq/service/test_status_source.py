@@ -3,10 +3,10 @@
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import Nowhere
 from stepdiag.daq.service.status_source import _idle
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
-from testkit.exact.driven import Nowhere
 from testkit.timeline import survey_text
 
 

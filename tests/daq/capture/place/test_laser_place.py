@@ -9,9 +9,9 @@ from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
+from testkit.routes import make_route
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
 COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"

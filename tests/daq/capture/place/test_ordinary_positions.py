@@ -15,13 +15,13 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.capture.standing.dwell import DwellTracker
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.survey.file import parse_survey
+from testkit.routes import make_route
 from testkit.timeline import Timeline, diagonal, survey_text
 
 SIZE = (300.07, 200.05, 100.09)

@@ -3,8 +3,8 @@
 import pytest
 
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.capture.place.walk import Walk
+from testkit.routes import make_route
 
 ROUTE = make_route(Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(300.0, 200.0, 100.0), increments=2), "ppp", "xyz", outward=True)
 

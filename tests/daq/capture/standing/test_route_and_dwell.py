@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.place.route import judge_step, make_route
+from stepdiag.daq.capture.place.route import judge_step
 from stepdiag.daq.capture.standing.dwell import TRANSITIONS, DwellTracker, State, count_steps
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
+from testkit.routes import make_route
 
 BOX = Volume(origin_mm=(-50.0, 10.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 

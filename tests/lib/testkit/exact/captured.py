@@ -1,8 +1,8 @@
 """Captured stops as a perfect survey would give them."""
 
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.survey.file import parse_survey
+from testkit.routes import make_route
 from testkit.timeline import survey_text
 
 

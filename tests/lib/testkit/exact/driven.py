@@ -12,10 +12,8 @@ import numpy as np
 from stepdiag.base.findings import Finding
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.volume import Volume
-from stepdiag.daq.log.codec import whole_us
-from stepdiag.daq.log.part_file import PartFile
-from stepdiag.daq.log.writer import LogWriter
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.virtual.control.siemens import SiemensControl
 from stepdiag.virtual.drive.sequence import Box
@@ -222,55 +220,6 @@ class Program:
         return bench.events()
 
 
-class Folder:
-    """A sink that writes the logs of a session without a thread."""
-
-    def __init__(self):
-        self._file = self._writer = None
-
-    def begin(self, path, header):
-        self._file = PartFile(path)
-        self._writer = LogWriter(self._file, header)
-
-    def admit(self, event):
-        """What the log does not keep of an event, nobody sees: as the recorder does it."""
-        event = whole_us(event)
-        self._writer.event(event)
-        return (event,)
-
-    def note(self, note):
-        self._writer.note(note)
-
-    def promise(self, note, saved):
-        self._writer.note(note)
-        saved()
-
-    def end(self, status, reason=""):
-        self._writer.finish(status, reason, {})
-        self._file.drain()
-        self._file.publish()
-        self._file.close()
-
-
-class Nowhere:
-    """A sink that keeps nothing: what a log would hold of it is asked of the session."""
-
-    def begin(self, path, header):
-        pass
-
-    def admit(self, event):
-        return (event,)
-
-    def note(self, note):
-        pass
-
-    def promise(self, note, saved):
-        saved()
-
-    def end(self, status, reason=""):
-        pass
-
-
 def survey_file(*, size=BOX_MM, n=2, back=False, signals="", setups=SETUPS, compensated=True):
     """Return the survey file of a bench."""
     text = survey_text(size=size, n=n, setups=setups, back=back, signals=signals, rate_hz=RATE_HZ)
@@ -282,7 +231,7 @@ def recorded(folder, text, events, sink=None):
     """Record the events of a survey into a folder of logs as the daemon would; return the session and what it found."""
     said = []
     survey, offset = parse_survey(text, "survey.toml"), WALL_OFFSET_NS
-    session = Session(survey, text, Round(folder, {}), sink or Folder(), on_outcome=said.append, wall_offset_ns=lambda: offset)
+    session = Session(survey, text, Round(folder, {}), sink or DirectSink(), on_outcome=said.append, wall_offset_ns=lambda: offset)
     for event in events:
         session.consume(event)
     session.close("the bench has ended")

@@ -12,6 +12,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import DirectSink
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.driven import (
     BOX_MM,
@@ -20,7 +21,6 @@ from testkit.exact.driven import (
     WALL_OFFSET_NS,
     Bench,
     Fault,
-    Folder,
     Judged,
     Program,
     judged,
@@ -349,7 +349,7 @@ def surveyed(shop, folder, *, text=None, files=True):
             said.append(outcome)
             after.append(int(np.searchsorted(ends, clock[0] * 1e-9)))
 
-    session = Session(survey, text, Round(logs, {}), Folder(), on_outcome=heard, wall_offset_ns=lambda: WALL_OFFSET_NS)
+    session = Session(survey, text, Round(logs, {}), DirectSink(), on_outcome=heard, wall_offset_ns=lambda: WALL_OFFSET_NS)
     events = program.events(bench=bench, rate_hz=RATE_HZ * shop.rate)
     schedule = Bench(program.stops, move_s=0.3).schedule()
     ends = [end for (_, end), stop in zip(schedule, program.stops, strict=True) if stop.shown]

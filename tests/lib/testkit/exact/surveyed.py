@@ -7,7 +7,6 @@ import numpy as np
 
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import settled_findings, suspected
@@ -19,6 +18,7 @@ from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.exact.surveys import IDEAL_SECTION
+from testkit.routes import make_route
 from testkit.timeline import survey_text
 
 SIZE_MM = (300.0, 200.0, 100.0)

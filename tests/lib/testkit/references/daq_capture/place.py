@@ -10,13 +10,14 @@ from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.pass_start import PassFinder
-from stepdiag.daq.capture.place.route import Route, agrees, judge_step, make_route
+from stepdiag.daq.capture.place.route import Route, agrees, judge_step
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import Walk, begun_anew
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
 from testkit.references import plain
 from testkit.references.daq_capture.told import MS, Told, brief, hint_of, signals_of, stop_of, survey_of
+from testkit.routes import make_route
 
 
 def route_of(told: dict[str, Any]) -> Route:
