@@ -521,10 +521,10 @@ class CauseFinder:
         what, stops = cause.what or "", len(self.stands)
         code = CODES.get(line, "unexpected-position.cause")
         if code == "unexpected-position.cause" and not value:
-            said = message("unexpected-position.cause-left-out", what=what, stops=stops, line=line, others=more)
+            words = message("unexpected-position.cause-left-out", what=what, stops=stops, line=line, others=more)
         else:
-            said = message(code, what=what, stops=stops, line=line, value="; ".join([value, *more]))
-        return finding("error", said, Place(setup=cause.route.setup))
+            words = message(code, what=what, stops=stops, line=line, value="; ".join([value, *more]))
+        return finding("error", words, Place(setup=cause.route.setup))
 
 
 def line_named(found: Finding) -> str:

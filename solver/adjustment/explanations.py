@@ -283,10 +283,10 @@ def _families(fit: MixedFit, layout: Layout) -> Iterator[_Family]:
 
 
 def _family(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], most: float) -> _Family:
-    told = tell(fit, rows, pattern)
-    seen = np.diag(told.seen)
-    visible = seen > np.maximum(HIDDEN * told.whole, most**-2.0)
-    return _Family(kind=kind, named=named, shown=told.shown, seen=np.where(visible, seen, 0.0), most=most)
+    pattern_fit = tell(fit, rows, pattern)
+    seen = np.diag(pattern_fit.seen)
+    visible = seen > np.maximum(HIDDEN * pattern_fit.whole, most**-2.0)
+    return _Family(kind=kind, named=named, shown=pattern_fit.shown, seen=np.where(visible, seen, 0.0), most=most)
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
@@ -329,10 +329,10 @@ def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
     """Return the odds (logarithm) of more growth in time than is usual."""
     if not growth_um.shape[1]:
         return -np.inf
-    told = tell(fit, np.arange(len(growth_um)), growth_um)
-    seen, turn = np.linalg.eigh(told.seen)
+    pattern_fit = tell(fit, np.arange(len(growth_um)), growth_um)
+    seen, turn = np.linalg.eigh(pattern_fit.seen)
     clear = seen > HIDDEN * seen[-1]
-    return evidence_of_many(fit, turn.T[clear] @ told.shown, seen[clear]) + float(np.log(PRIOR[GROWN]))
+    return evidence_of_many(fit, turn.T[clear] @ pattern_fit.shown, seen[clear]) + float(np.log(PRIOR[GROWN]))
 
 
 def _mean(likely: Vector) -> tuple[Vector, Vector]:
