@@ -65,7 +65,9 @@ def _resolved(forecast: Forecast) -> Message:
 
 
 def front_table(advice: Advice) -> Table:
-    """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
+    """Return a row per survey worth its time: minutes, its remaining error, its gain; below it the
+    limits of control and head.
+    """
     table = empty_table(message("table-front"))
     for each in advice.front:
         table.add_row(f"{each.minutes:.0f}", each.left_um.best(), shown(lines_in_words(each.plan)))
