@@ -72,12 +72,14 @@ def accepted(code: str, key: str, accept: Container[str]) -> bool:
 
 
 def explained(code: str) -> Explanation | None:
-    """Return the explanation of a code, also of one that has another name now; None for a code that is not documented."""
+    """Return the explanation of a code, also of an old code with another name now; None for an
+    undocumented code.
+    """
     return explanations().get(keys_of(code)[0].partition(".")[0])
 
 
 def finding_advice(code: str, language: Language) -> str:
-    """Return what a finding means, what it costs and what to do; empty for a code that is not documented."""
+    """Return the meaning of a finding, its cost and its remedy; empty for an undocumented code."""
     entry = explained(code)
     words = None if entry is None else entry.words[language]
     return "" if words is None else f"{words.cause} {words.cost} {words.do}"
