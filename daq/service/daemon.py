@@ -1,7 +1,8 @@
 """The service: links, recorder and session in one event loop, survey after survey.
 
-The recording process only records. What comes from the links goes to the session in the order of its arrival; when the last pass is in, a
-child (`daq.service.child_jobs`) runs solver and exporters on the finished logs, and the next survey can begin at once.
+The recording process only records. Events of the links go to the session in the order of their
+arrival; when the last pass is in, a child (`daq.service.child_jobs`) runs solver and exporters on
+the finished logs, and the next survey can begin at once.
 """
 
 import asyncio
@@ -43,18 +44,20 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 
 PUBLISH_S = 0.1
-"""How often the snapshot is made anew."""
+"""Period of the snapshot in s."""
 LIVE_S = 1.0
-"""How often what `status` shows of a daemon that runs is written."""
+"""Period of the file that `status` shows of a running daemon, in s."""
 _log = structlog.get_logger("daemon")
 
 
 class Daemon:
-    """Records surveys until it is stopped. ``completion`` is the command that is run with a survey's folder when its last pass is in.
+    """Records surveys until it is stopped. ``completion`` is the command run with a survey's folder
+    when its last pass is in.
 
-    ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
-    ``ahead`` is run when a setup is in: it states what to drive next. ``programs`` names the NC program of each setup of a survey, as a
-    person calls it at the control. ``status_source`` answers whoever looks on.
+    ``archiving`` is the command run with the folder of all surveys of this name and their budget in
+    GB, if any. ``ahead`` is run when a setup is in: it names the next passes. ``programs`` names
+    the NC program of each setup of a survey, by its name at the control. ``status_source`` answers
+    the page.
     """
 
     def __init__(
@@ -233,7 +236,9 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Say that a stop is captured, now that a killed daemon would not lose it, and let the machine go on."""
+        """Report a stop as captured, now that a killed daemon would not lose it, and let the
+        machine go on.
+        """
         self.status_source.news()
         self._tally.stops += 1
         book = self._working.session.book if self._working.session.book.stops else self._working.shown.book
@@ -269,7 +274,9 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone."""
+        """Solve a survey whose passes are all in and not doubted; report the doubts if they alone
+        keep it open.
+        """
         session = self._working.session
         settled = self._settled.of(session)
         if settled == "complete":
@@ -279,7 +286,9 @@ class Daemon:
             self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
-        """Say what is doubted, where it is still so: somebody may have accepted it meanwhile, or driven it again."""
+        """Report the doubts that still stand: they may have been accepted meanwhile, or cured by
+        another pass.
+        """
         if session is not self._working.session or session.book.doubts() != still:
             return
         places, reason = places_of(still), "; ".join(dict.fromkeys(str(doubt.words) for doubt in still))
@@ -296,7 +305,9 @@ class Daemon:
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
-        """Hear what came of a survey: one without a result stays open, and is gone on with unless another one has begun."""
+        """Take the outcome of a survey: without a result the survey stays open, and goes on unless
+        another has begun.
+        """
         working = self._working
         self.status_source.news()
         begun = working.session.recording or bool(working.session.book.passes)

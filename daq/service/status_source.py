@@ -1,4 +1,6 @@
-"""The daemon's side of the page's door (`daq.records.status.StatusSource`): what it says of itself, and what a person may tell it."""
+"""The daemon's side of the page's interface (`daq.records.status.StatusSource`): its state, and the
+operator's commands.
+"""
 
 import asyncio
 import time
@@ -32,7 +34,9 @@ _log = structlog.get_logger("daemon")
 
 @dataclass(slots=True, kw_only=True)
 class Working:
-    """What the daemon works with. ``session`` records; ``shown`` is the survey that people see: the finished one until the next begins."""
+    """The parts of the running daemon. ``session`` records; ``shown`` is the survey on the page:
+    the finished survey until the next begins.
+    """
 
     session: Session
     shown: Session
@@ -43,7 +47,7 @@ class Working:
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
-    """What a person must see at once, in words."""
+    """The urgent alarms, in words."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
     paused: bool = False
@@ -162,7 +166,9 @@ class DaemonStatusSource:
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
-        """Note a person's word for what is doubted at a place; the daemon hears of it as of one entered at a terminal."""
+        """Note the operator's acceptance of the doubts at a place; the daemon handles it like an
+        acceptance entered at a terminal.
+        """
         doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
         given = {name: arguments.get(name, "") for name in ("reason", "name")}
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
@@ -246,7 +252,7 @@ def _of_service(working: Working) -> Words:
 
 
 def _refused(recorder: Recorder) -> Words:
-    """Return that the disk refuses; empty while it does not."""
+    """Return the message of a refusing disk; empty otherwise."""
     health = recorder.health
     return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""
 

@@ -87,7 +87,7 @@ def export(
 
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
-    """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
+    """Print the accepted codes without a finding in the export: mistyped, or not needed."""
     if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
         print_words(message("accept-unused", codes=unused), err=True)
 
@@ -272,10 +272,12 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
 
 
 def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
-    """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
+    """Return the active files, and the names of the files left aside: notes for people, and restore
+    files beside their originals.
 
-    A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by
-    its name. Raises DataError where no file is for a control, SafetyError where a set is not as it was written.
+    A folder stands for the set that an export wrote into it; a file of no control that is not a
+    note stays, and is refused by its name. Raises DataError without a file for a control,
+    SafetyError for a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore

@@ -71,7 +71,7 @@ def _live(out: Path, seed: int, *, browser: bool) -> None:
 
 
 class _Watching:
-    """Who watches the live demo, at a terminal: lines out, keys in."""
+    """The viewer of the live demo, at a terminal: lines out, keys in."""
 
     def __init__(self, keys: "Keyboard", *, browser: bool) -> None:
         self._keys = keys

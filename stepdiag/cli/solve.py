@@ -25,7 +25,7 @@ MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
 """Methods that take the readings alone."""
 CHAIN = "FXYZ"
-"""The chain of readings that come without one."""
+"""The default chain of readings."""
 
 
 def register(app: typer.Typer) -> None:
@@ -126,7 +126,9 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
-    """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
+    """Return the result of logs. Raises UsageError for a file without the name of a log: readings
+    are a single file, named *.csv.
+    """
     from stepdiag.base.files import read_text
     from stepdiag.completion.completion import replay_judged, solve_logs
     from stepdiag.completion.readings_file import source_of

@@ -1,8 +1,10 @@
-"""One scale on every axis: a statement on the laser's air or wavelength that is not so, or a machine that is so long.
+"""A common scale of all axes: a wrong statement on the laser's air or wavelength, or a machine that
+is really so long.
 
-Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a screw that is warm, a scale of glass) and differ in
-another; three axes that are all 270 µm/m long are rarely a machine. Compared are the likelihoods of the scales as they are, and less the
-effect of each statement, with the odds against a wrong statement as prior.
+Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
+a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
+Compared are the likelihoods of the scales as found, and less the effect of each statement, with the
+odds against a wrong statement as prior.
 """
 
 from collections.abc import Iterator
@@ -17,15 +19,18 @@ from stepdiag.daq.capture.cause import CAUSE, laser_change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, EACH_UM_M = 60.0, 30.0
-"""Standard deviation of the scale that a machine's axes share, as 5 K on steel bring about, and of what each has of its own."""
+"""Standard deviation of the common scale of a machine's axes, caused by 5 K on steel, and of each
+axis' own scale.
+"""
 HENE_NM = 632.991
 LEAST_UM_M = 100.0
 """A smaller effect is like a machine's own."""
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
-    """Return the error that names a statement on air or wavelength which makes all scales alike; nothing where none does, or one axis is
-    measured. It stands at the first linear run: a person accepts it there.
+    """Return the error that names a statement on air or wavelength that makes all scales alike;
+    nothing if none does, or a single axis is measured. The error stands at the first linear run,
+    the place for its acceptance.
     """
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:
