@@ -11,7 +11,8 @@ from typing import Literal
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
-from stepdiag.daq.capture.cause import CauseFinder, Stand, moves_between
+from stepdiag.daq.capture.cause.finder import CauseFinder
+from stepdiag.daq.capture.cause.likelihood import Stand, moves_between
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart

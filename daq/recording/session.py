@@ -16,7 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.cause import line_named
+from stepdiag.daq.capture.cause.finder import line_named, line_to_correct
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -135,7 +135,7 @@ class Session:
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
-        self.book.wrong_line = next(map(line_named, filter(line_named, self.findings)), "")
+        self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
@@ -356,8 +356,8 @@ class Session:
     def _feed(self, capture: Capture, event: Event) -> None:
         for outcome in capture.feed(event):
             self._heed(outcome)
-        if capture.signals is not None:
-            self.signals = with_air(self.survey, capture.signals, capture.air, time_of(event))
+        if capture.signals is not None and isinstance(event, ModbusBlock):
+            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns)
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
@@ -409,7 +409,7 @@ class Session:
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)
             self.findings.append(outcome)
-            self.book.wrong_line = line_named(outcome) or self.book.wrong_line
+            self.book.wrong_line = line_to_correct(outcome) or self.book.wrong_line
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)
