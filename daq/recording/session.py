@@ -30,7 +30,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders
+from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
@@ -114,10 +114,12 @@ class Session:
         self._last_setup: int | None = None
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
+        self._silent = survey.plc.silent
         self._begun = ""
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
+        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
         self._listening = Listening(survey)
         self._down: set[Link] = set()
         self.capture: Capture | None = None
@@ -188,7 +190,7 @@ class Session:
             self._wait(event)
             return
         capture = self.capture
-        if self.survey.plc.silent:
+        if self._silent:
             self._remember(event)  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
@@ -357,7 +359,7 @@ class Session:
         for outcome in capture.feed(event):
             self._heed(outcome)
         if capture.signals is not None and isinstance(event, ModbusBlock):
-            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns)
+            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns) if self._sensed else capture.signals
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing

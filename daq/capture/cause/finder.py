@@ -24,6 +24,9 @@ EXPLAINED = HELD | {
 }  # fmt: skip
 """What is not raised once a cause is named: the logs are read anew by the corrected file, which raises what is left."""
 
+SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
+"""Lines that spoil the windows of every pass, also of one whose steps fit the file."""
+
 Code = Literal["unexpected-position.cause", "wrong-laser-sign.cause", "wrong-axis-order.cause", "step-mismatch.cause"]
 CODES: Mapping[str, Code] = {
     "laser.sign": "wrong-laser-sign.cause",
@@ -75,7 +78,7 @@ class CauseFinder:
             return self.released() if self.over else []
         best, cause = causes[0]
         rivals = [(score, other) for score, other in causes[1:] if other.kind != cause.kind and best - score <= SURE]
-        self.plain = not cause.changes and not rivals and self.evidence.goes_on(cause.route)
+        self.plain = not (cause.changes or rivals or SPOILING & set(self.named)) and self.evidence.goes_on(cause.route)
         named = bool(cause.changes) and self.evidence.confirms(cause)
         if named and not rivals:
             self.found, self.over, self.held = cause, True, []
