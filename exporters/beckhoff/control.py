@@ -55,11 +55,15 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
 _TEMPLATE = """\
 [beckhoff]
-way = "?"                     # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
+# "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
+way = "?"
 axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
-# chain = "FXYZ"              # volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
-# turned = false              # with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them already, so that
-#                             # the survey sees them as axes of the tool (workpiece_axes 0); where it turns some of them: leave chain out
+# volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
+# chain = "FXYZ"
+# with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them
+# already, so that the survey sees them as axes of the tool (workpiece_axes 0); where it turns
+# some of them: leave chain out
+# turned = false
 # negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
 # cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
 # master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")

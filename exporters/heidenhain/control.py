@@ -61,8 +61,12 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 
 _TEMPLATE = """\
 [heidenhain]
-generation = "?"              # "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x 0.1 um)
-# chain = "FXYZ"              # iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says it
+# "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x
+# 0.1 um)
+generation = "?"
+# iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says
+# it
+# chain = "FXYZ"
 # decimals = 4                # places in mm
 # assignment = "CONFIG.CMA"   # name of the assignment file in the control
 """

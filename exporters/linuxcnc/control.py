@@ -58,9 +58,13 @@ class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
 _TEMPLATE = """\
 [linuxcnc]
-joints = "?"                  # the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
-matrixkins = "?"              # true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
-# way = "screw"               # "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles included)
+# the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+joints = "?"
+# true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
+matrixkins = "?"
+# "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles
+# included)
+# way = "screw"
 # decimals = 6                # places of a correction, in the machine's unit
 """
 

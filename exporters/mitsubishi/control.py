@@ -48,8 +48,11 @@ class MitsubishiOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 
 _TEMPLATE = """\
 [mitsubishi]
-output_unit_um = "?"          # unit of the compensation data in um: half the machine error compensation setting unit, such as 0.5
-data = "?"                    # "incremental" (#4000 = 1) or "absolute" (#4000 = 0), as the control is set
+# unit of the compensation data in um: half the machine error compensation setting unit, such as
+# 0.5
+output_unit_um = "?"
+# "incremental" (#4000 = 1) or "absolute" (#4000 = 0), as the control is set
+data = "?"
 # first_data = 4101           # first free data number
 """
 

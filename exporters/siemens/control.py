@@ -53,18 +53,28 @@ _WORTH_SAYING_UM = 0.3
 """What products have to hold before they are offered: about the uncertainty of a good survey."""
 _TEMPLATE = """\
 [siemens]
-measuring_system = "?"        # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
-# eec_points = { X = 100, Y = 100, Z = 100 }   # MD38000 of each axis; then surplus points are written as 0
+# 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
+measuring_system = "?"
+# MD38000 of each axis; then surplus points are written as 0
+# eec_points = { X = 100, Y = 100, Z = 100 }
 # cec_points = 100            # MD18342, the same for every table used here (828D: 200)
-# cec_tables_held = 8         # how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
-# cec_max_velo = 0.1          # MD32730 of the compensated axes: the slope of CEC tables is judged by it
+# how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
+# cec_tables_held = 8
+# MD32730 of the compensated axes: the slope of CEC tables is judged by it
+# cec_max_velo = 0.1
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
-# cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
-# products = false            # true: tables that multiply each other hold what angles do with their levers (sign test of cec-product)
-# old_enabled = false         # were the tables in machine.existing switched on before this loading (MD32700; MD32710 with SD41300)? Where
-#                             # they differ, back them up with these switches: what the files hold counts
-# old_weight = 1.0            # the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
-# cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
+# index by function; two indices where each direction has its own table
+# cec_tables = { EYX = [2] }
+# true: tables that multiply each other hold what angles do with their levers (sign test of
+# cec-product)
+# products = false
+# were the tables in machine.existing switched on before this loading (MD32700; MD32710 with
+# SD41300)? Where they differ, back them up with these switches: what the files hold counts
+# old_enabled = false
+# the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
+# old_weight = 1.0
+# sense of the CEC tables: the manual does not state it, the sign test does
+# cec_sense = "as-error"
 # decimals = 4                # places in mm
 # metric_line = false         # true: begin data files with METRIC, as backups of some controls do
 """

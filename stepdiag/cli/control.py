@@ -323,14 +323,15 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
     from stepdiag.base.files import write_atomically
     from stepdiag.conclusion import reach_of
-    from stepdiag.report.drawings.effect import SUFFIXES, effect_drawing, effect_file
+    from stepdiag.report.drawings.effect import SUFFIXES, TITLE, drawing_file, effect_drawing
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--out", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=out.name)
     reach = reach_of(found.prediction.predicted)
-    drawing = effect_drawing(drawn, reach)
-    write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
+    language = viewers_language()
+    drawing = drawing_file(effect_drawing(drawn, reach, language), suffix, shown(TITLE), language)
+    write_atomically(out, drawing.encode("utf-8"))
 
 
 def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]", measured_with: str) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.demo.demo import empty_folder
 from stepdiag.demo.files import WATCHED, Pace, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.operator import LOOK_S, Operator, bench, daemon, words
@@ -28,7 +29,7 @@ GO, END = "\n", "q"
 class Key:
     """What a key does: words for a person, and the fault of the virtual machine (`stepdiag.virtual`). ``placed``: at the next stop."""
 
-    does: str
+    does: Message
     kind: str
     duration_s: float = 1.0
     value: float = 0.0
@@ -42,15 +43,13 @@ class Key:
 
 
 KEYS = {
-    "b": Key(does="hold a hand into the beam for a second", kind="beam-lost"),
-    "k": Key(does="knock against the mirror: 60 µm", kind="laser-jump", value=60.0),
-    "u": Key(does="pull the laser's cable for five seconds", kind="laser-unplug", duration_s=5.0),
-    "p": Key(does="take the PLC off the network for eight seconds", kind="plc-silent", duration_s=8.0),
-    "a": Key(
-        does="let the air sensor say 85 C for half a minute", kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0
-    ),
-    "s": Key(does="leave out a stop, as a wrong program would", kind="stop-skipped", placed=True),
-    "r": Key(does="stop the program and go back five stops", kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
+    "b": Key(does=message("key-beam"), kind="beam-lost"),
+    "k": Key(does=message("key-knock"), kind="laser-jump", value=60.0),
+    "u": Key(does=message("key-unplug"), kind="laser-unplug", duration_s=5.0),
+    "p": Key(does=message("key-plc"), kind="plc-silent", duration_s=8.0),
+    "a": Key(does=message("key-air"), kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0),
+    "s": Key(does=message("key-skip"), kind="stop-skipped", placed=True),
+    "r": Key(does=message("key-abort"), kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
 }
 
 
@@ -60,7 +59,7 @@ class Person(Protocol):
     def opened(self, address: str, token: str) -> None:
         """Hear where the page is, and the token for its buttons."""
 
-    def show(self, line: str) -> None:
+    def show(self, line: Words) -> None:
         """Hear what happens."""
 
     def pressed(self) -> str:
@@ -118,29 +117,30 @@ def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person
         return not ended
 
     for event in words(operator, recording, go_on=go_on, silence_s=float("inf")):
-        if line := _line(event):
+        line = _line(event)
+        if line != "":
             person.show(line)
         if event["event"] == "survey-complete":
             return True
     return False
 
 
-def _cause(key: Key, hall: Talker, setup: str, tell: Callable[[str], None]) -> None:
+def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) -> None:
     if key.placed and not setup:
-        tell(f"{key.does}: only while the machine drives")
+        show(message("key-while-driving", does=key.does))
         return
     hall.say(key.order(setup))
-    tell(key.does)
+    show(key.does)
 
 
-def _line(event: dict[str, str]) -> str:
+def _line(event: dict[str, str]) -> Words:
     """Return what the terminal shows of the daemon's words; the page shows the rest."""
     match event["event"]:
         case "waiting":
-            return f"waits: {event['what']}"
+            return message("demo-waits", what=event["what"])
         case "survey-open":
-            return f"open: {event['reason']}"
+            return message("demo-open", why=event["reason"])
         case "survey-complete":
-            return f"complete: {event['folder']}/report.html"
+            return message("demo-complete", path=f"{event['folder']}/report.html")
         case _:
             return ""

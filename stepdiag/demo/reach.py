@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import Result
 from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_profile, linuxcnc_profile, siemens_profile
 from stepdiag.exporters.export.export import export
@@ -19,19 +20,19 @@ ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", 
 class Form:
     """One form of compensation: how people call it, the control that has it and its profile."""
 
-    name: str
+    name: Message
     control: Control
     profile: str
 
 
-WHOLE_FIELD = "the whole field: LinuxCNC kinematics, lattice"
+WHOLE_FIELD = message("form-field")
 FORMS = (
-    Form(name="pitch error tables alone (any control)", control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
-    Form(name="Fanuc: and straightness (option)", control="fanuc", profile=fanuc_profile(straightness=True)),
-    Form(name="Siemens 828D: eight CEC tables, some as products", control="siemens", profile=siemens_profile(products=True, held=8)),
-    Form(name="Siemens 840D sl: products of CEC tables", control="siemens", profile=siemens_profile(products=True)),
-    Form(name="Beckhoff and ISG: columns of angles", control="beckhoff", profile=beckhoff_profile("FXYZ")),
-    Form(name="Heidenhain iTNC 530: KinematicsComp", control="heidenhain", profile=heidenhain_profile("FXYZ")),
+    Form(name=message("form-pitch"), control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
+    Form(name=message("form-fanuc"), control="fanuc", profile=fanuc_profile(straightness=True)),
+    Form(name=message("form-828d"), control="siemens", profile=siemens_profile(products=True, held=8)),
+    Form(name=message("form-840d"), control="siemens", profile=siemens_profile(products=True)),
+    Form(name=message("form-beckhoff"), control="beckhoff", profile=beckhoff_profile("FXYZ")),
+    Form(name=message("form-heidenhain"), control="heidenhain", profile=heidenhain_profile("FXYZ")),
     Form(name=WHOLE_FIELD, control="linuxcnc", profile=linuxcnc_profile()),
 )
 

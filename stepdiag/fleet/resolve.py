@@ -26,7 +26,7 @@ from distributed import Client, KilledWorker, as_completed
 from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
@@ -60,11 +60,11 @@ class Solved:
     place: Place
     outcome: Literal["the same bytes", "solved anew", "failed"]
     changed: tuple[str, ...] = ()
-    reason: str = ""
+    reason: Words = ""
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""
-        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": self.reason}
+        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": f"{self.reason}"}
 
 
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
@@ -180,7 +180,7 @@ def _begin_worker() -> None:
 
 
 def _lost(place: Place) -> Solved:
-    return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY / 1e9:g} GB)")
+    return Solved(place=place, outcome="failed", reason=message("every-worker-lost", limit_gb=WORKER_MEMORY / 1e9))
 
 
 def _outcome(future: Any, place: Place) -> Solved:
@@ -204,12 +204,12 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
             old = (folder / RESULT).read_text(encoding="utf-8")
-            by = "by the survey file given" if instead else ""
+            by = message("by-survey-given") if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
             return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text), reason=by)
         except StepdiagError as error:
-            return Solved(place=place, outcome="failed", reason=str(error))
+            return Solved(place=place, outcome="failed", reason=error.message)
 
 
 def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:

@@ -112,8 +112,15 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
     for name, each in fits.items():
         order = np.argsort(each.run.reference)
         series = Series(label=name, x=each.run.reference[order], y=each.residual[order])
-        label, unit = f"{name}: residual of the fitted curve", UNITS[each.run.unit]
-        drawn.append(line_chart([series], label=label, x_label=f"{name}: reference / {unit}", y_label=f"residual / {unit}"))
+        label, unit = shown(message("chart-residual", name=name)), UNITS[each.run.unit]
+        drawn.append(
+            line_chart(
+                [series],
+                label=label,
+                x_label=shown(message("axis-of-reference", name=name, unit=unit)),
+                y_label=shown(message("axis-of-residual", unit=unit)),
+            )
+        )
     return drawn
 
 
@@ -134,11 +141,13 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
     for name, each in found.items():
         octaves = np.log10(each.tau_s)
         series = [
-            Series(label="raw", x=octaves, y=each.raw_allan),
-            Series(label="compensated", x=octaves, y=each.compensated_allan),
+            Series(label=shown(message("chart-raw")), x=octaves, y=each.raw_allan),
+            Series(label=shown(message("chart-compensated")), x=octaves, y=each.compensated_allan),
         ]
         y_label = f"{name} / {_unit(name)}"
-        drawn.append(line_chart(series, label=f"Allan deviation of {name}", x_label="log10 of averaging time / s", y_label=y_label))
+        drawn.append(
+            line_chart(series, label=shown(message("chart-allan", name=name)), x_label=shown(message("axis-of-averaging")), y_label=y_label)
+        )
     return drawn
 
 
@@ -177,7 +186,7 @@ def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
     return [
         line_chart(
             [Series(label=name, x=each.position_mm, y=each.residual)],
-            label=f"{name}: head minus reference",
+            label=shown(message("chart-head-reference", name=name)),
             x_label="position / mm",
             y_label=f"{name} / {_unit(name)}",
         )

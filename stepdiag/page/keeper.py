@@ -241,11 +241,11 @@ class _Line:
         """Whether everything sent so far is on its way."""
         return self._transport.get_write_buffer_size() == 0
 
-    def send(self, message: object) -> None:
+    def send(self, sent: object) -> None:
         """Send a message. Raises ConnectionError where the page has stopped to listen."""
         if self._transport.get_write_buffer_size() > MOST_UNREAD:
-            raise ConnectionError("the page does not fetch its answers")
-        self._transport.write(framed(message))
+            raise ConnectionError(message("answers-not-fetched"))
+        self._transport.write(framed(sent))
 
     def close(self) -> None:
         """Close the connection without waiting for anybody; one that broke has closed itself."""
@@ -269,7 +269,7 @@ class _Visit:
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_REQUEST:
-                    raise ConnectionError(f"a request of {length} bytes")
+                    raise ConnectionError(message("request-of-bytes", count=length))
                 await self._do(request_decoder.decode(await reader.readexactly(length)))
                 await asyncio.sleep(REQUEST_S)
 

@@ -59,7 +59,7 @@ class RemoteDaemon:
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_MESSAGE:
-                    raise ConnectionError(f"a message of {length} bytes")
+                    raise ConnectionError(message("message-of-bytes", count=length))
                 await self._take(incoming_decoder.decode(await reader.readexactly(length)))
         except asyncio.IncompleteReadError:
             return
