@@ -115,7 +115,9 @@ class Beckhoff:
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return the volumetric file with the lines of its configuration, or one ``achskw<n>.lis`` for each axis."""
+        """Return the volumetric file with the lines of its configuration, or a file
+        ``achskw<n>.lis`` per axis.
+        """
         options = profile.options_as(BeckhoffOptions)
         if options.way == "lists":
             return tuple(
@@ -209,11 +211,12 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 
 
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
-    """Return the chain as the control has to take it (ISG 296411019, P-VOLC-00008).
+    """Return the chain in the form of the control (ISG 296411019, P-VOLC-00008).
 
-    An axis on the workpiece side that the axis parameters turn already (vz_istw, vz_stellgr) is an axis of the tool for the survey, and has
-    to be one for the control. What its angles do with its own position, which an axis of the tool has not, is in its curves then.
-    Raises ``UsageError`` where a chain with such axes leaves that open.
+    An axis on the workpiece side that the axis parameters already turn (vz_istw, vz_stellgr) is an
+    axis of the tool for the survey, and has to be one for the control. The effect of its angles on
+    its own position, which an axis of the tool lacks, is then in its curves. Raises ``UsageError``
+    for a chain with such axes that leaves this open.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)
@@ -227,7 +230,9 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses that get a column: where it makes no difference whether one turns the axes that its axis carries."""
+    """Return the squarenesses that get a column: those whose turn of the carried axes makes no
+    difference.
+    """
     order = "" if options.chain is None else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
     return tuple(name for name, target in csv.SHIFTS.items() if order and order.index(target[1]) < order.index(target[2]))
 

@@ -73,7 +73,7 @@ reference_mm = "?"
 
 
 def profile_template(controller: Controller) -> str:
-    """Return the template for one controller; it is refused until every question is answered."""
+    """Return the template for a controller; it is refused until every question is answered."""
     common = _COMMON.format(
         title=controller.title,
         name=controller.name,

@@ -84,7 +84,7 @@ def add(
 
 @archive.command()
 def check(store: str) -> None:
-    """Read every byte of a store, and name each file that is not as it was written."""
+    """Read every byte of a store, and name each changed file."""
     with extra_needed("fleet"):
         from stepdiag.fleet import custody
         from stepdiag.fleet.store import Store
@@ -216,7 +216,9 @@ def resolve(
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
-    """Return the scheduler that is named. Raises UsageError for one without TLS: it would run the code of whoever reaches it."""
+    """Return the named scheduler. Raises UsageError for a scheduler without TLS: it would run the
+    code of any client.
+    """
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
 ALIGN_S, STABILITY_S = 3600.0, 960.0
-"""How long a live head is recorded where nothing is stated."""
+"""Recording times of a live head in s, if not stated."""
 
 commands = typer.Typer(no_args_is_help=True)
 

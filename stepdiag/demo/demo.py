@@ -45,7 +45,7 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """An interval (k = 2) of the volume's rms error that the result states, and the true one."""
+    """An interval (k = 2) of the volume's rms error by the result, and the true error."""
 
     of: Message
     stated: Interval
@@ -60,10 +60,12 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
-    """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure.
+    """Results of the demo: the machine as found, and with the files of each control loaded;
+    ``seconds`` is the time of the survey.
 
-    ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey,
-    ``promises`` the statement of the result about the volume before anybody looked at the truth.
+    ``after`` are the files that the daemon exported by itself, ``reach`` the effect of other forms
+    of compensation on the same survey, ``promises`` the statement of the result about the volume
+    before any comparison with the truth.
     """
 
     folder: Path
@@ -80,9 +82,9 @@ class Demonstrated:
 
 
 def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
-    """Run the demo in an empty folder and return what it found; everything it wrote stays there.
+    """Run the demo in an empty folder and return its results; all its files stay there.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     began = time.monotonic()
@@ -104,14 +106,16 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
-    """Return what a result promises of the machine as it is and with all that it knows corrected, beside the true rms errors in um."""
+    """Return the promises of a result for the machine as found and with all known errors corrected,
+    beside the true rms errors in um.
+    """
     reach = reach_in(result)
     found = ((message("as-it-is"), reach.rms_before, before_um), (WHOLE_FIELD, reach.rms_after, whole_um))
     return tuple(Promise(of=of, stated=stated, true_um=true_um) for of, stated, true_um in found if stated is not None)
 
 
 def empty_folder(folder: Path) -> None:
-    """Make a folder. Raises UsageError where there is one with files in it."""
+    """Make a folder. Raises UsageError for a folder with files."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         remedy = message("name-with-out")

@@ -19,7 +19,7 @@ from stepdiag.demo.processes import Talker
 from stepdiag.virtual.base.reserved import reserved_port
 
 LOOK_AT_PAGE_S = 8.0
-"""How long the operator waits before each setup: the page says meanwhile what is to be set up."""
+"""Wait of the operator before each setup in s: meanwhile the page shows the setting up."""
 TOKEN_FILE = "page.token"  # noqa: S105  # its name
 USUAL_PORT = 8420
 GO, END = "\n", "q"
@@ -27,7 +27,9 @@ GO, END = "\n", "q"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """What a key does: words for a person, and the fault of the virtual machine (`stepdiag.virtual`). ``placed``: at the next stop."""
+    """The action of a key: words for the viewer, and the fault of the virtual machine
+    (`stepdiag.virtual`). ``placed``: at the next stop.
+    """
 
     does: Message
     kind: str
@@ -54,7 +56,7 @@ KEYS = {
 
 
 class Person(Protocol):
-    """Who watches the demo."""
+    """The viewer of the demo."""
 
     def opened(self, address: str, token: str) -> None:
         """Hear where the page is, and the token for its buttons."""
@@ -67,9 +69,9 @@ class Person(Protocol):
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
-    """Run the survey under a person's eyes until they end it; everything it wrote stays in ``folder``.
+    """Run the survey before a viewer until the viewer ends it; all its files stay in ``folder``.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     config = write_bench(folder, seed, pace)
@@ -90,7 +92,9 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
 
 @contextmanager
 def page_port() -> Iterator[int]:
-    """Yield the page's usual port, or a free one where another program has it, or another demo that may not listen yet."""
+    """Yield the page's usual port, or a free port if another program has the usual port, or another
+    demo that may not listen yet.
+    """
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -103,7 +107,9 @@ def page_port() -> Iterator[int]:
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
-    """Let the survey run and obey the keys; return whether it is complete (else the person has ended it)."""
+    """Let the survey run and obey the keys; return whether it is complete (else the viewer has
+    ended it).
+    """
     ended = False
 
     def go_on() -> bool:

@@ -1,4 +1,6 @@
-"""What each control reaches with the same survey: the files that each would get, loaded by its law, where nobody measured."""
+"""Reach of each control with the same survey: the files of each, loaded by its law, judged at
+unmeasured points.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +20,7 @@ ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """One form of compensation: how people call it, the control that has it and its profile."""
+    """A form of compensation: its usual name, its control and profile."""
 
     name: Message
     control: Control
@@ -38,7 +40,9 @@ FORMS = (
 
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
-    """Write the files of every form into ``folder`` and yield those that act; what the profiles name lies beside ``folder``."""
+    """Write the files of every form into ``folder`` and yield the active files; files named by the
+    profiles lie beside ``folder``.
+    """
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"
         path.write_text(form.profile, encoding="utf-8")

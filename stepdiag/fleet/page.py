@@ -1,6 +1,7 @@
 """The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named.
 
-A browser shows the token once, in the address that the command prints, and has a cookie from then on; a program sends it with each request.
+A browser shows the token once, in the address that the command prints, and has a cookie from then
+on; a program sends the token with each request.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -34,7 +35,7 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
 class Sheets:
-    """What the page shows, computed once for all visitors until the store changes."""
+    """The contents of the page, computed once for all visitors until the store changes."""
 
     def __init__(self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str) -> None:
         """``state`` is another one after every change of the store; ``trends`` reads it."""
@@ -62,7 +63,9 @@ class Sheets:
 
 
 def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK) -> Starlette:
-    """Return the page for whoever has the token; ``names`` are those it answers to (DNS rebinding)."""
+    """Return the page for holders of the token; ``names`` are the host names it answers to (DNS
+    rebinding).
+    """
     access = Access(token, lambda _address, _count: None)
 
     def answering(make: Callable[[Request], Response]) -> Callable[[Request], object]:

@@ -30,7 +30,7 @@ BAR = 6
 REFRESH_HZ = 10
 LINES: tuple[LineMethod, ...] = ("end-point", "least-squares", "minimum-zone")
 PAPER_UM, PAPER_ARCSEC = 1.5, 1.5
-"""What the published head reaches (Feng 2008, abstract)."""
+"""Figures of the published head (Feng 2008, abstract)."""
 
 
 class AlignView:
@@ -86,7 +86,7 @@ def _bar(value: float) -> str:
 
 
 def commission_table(done: HeadCommissioned) -> None:
-    """Print one row a field that the commissioning found: its value and its U (k = 2)."""
+    """Print a row per field found by the commissioning: its value and its U (k = 2)."""
     table = empty_table(message("table-commissioned"))
     for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
@@ -173,7 +173,9 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
 
 
 def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
-    """Yield for every axis where one head stood from the other (U, k = 2), and the rms that this leaves of the functions."""
+    """Yield for every axis the place of a head relative to the other (U, k = 2), and its rms effect
+    on the functions.
+    """
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
         places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm))

@@ -1,4 +1,6 @@
-"""Drawings that are files of their own, SVG or HTML: the volume before and after compensation to one scale, and charts on one sheet."""
+"""Drawings in files of their own, SVG or HTML: the volume before and after compensation to one
+scale, and charts on one sheet.
+"""
 
 from collections.abc import Sequence
 from importlib.resources import files
