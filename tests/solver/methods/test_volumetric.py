@@ -54,7 +54,7 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     readings = bench.survey(setups)
     found, with_angles = solve(readings, assumed=IDEAL), solve(readings, angles=bench.angles(1.0), assumed=IDEAL)
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
-    told = float(re.search(r"with a head's angles about (\S+) µm", text)[1])
+    told = float(re.search(r"with the angles of a head about (\S+) µm", text)[1])
     assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
     assert told < 0.98 * found.volumetric_u_um
 

@@ -148,7 +148,7 @@ class TestVerify:
         said.write_text(json.dumps({**found, "assumed": written(Assumptions(angles_urad=7.0).stated())}), encoding="utf-8")
         exported = stepdiag("export", said, "--controller", "siemens", "--step-mm", 25, "--out", tmp_path / "out", "--verbose")
         for told in (exported, stepdiag("verify", said, tmp_path / "out")):
-            assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 7 µrad" in told.out
+            assert "U (k = 2) assumes these sizes where the readings do not show them: angular errors over 7 µrad" in told.out
 
     def test_files_with_the_wrong_sign_are_named(self, result, tmp_path):
         out = self.exported(result, tmp_path, "neutral")

@@ -91,7 +91,7 @@ class TestSolve:
         assert f"`stepdiag solve {GOLDEN} --out result.json` writes one" in told.refusal
         told = stepdiag("report", tmp_path, "--out", tmp_path / "r.html")
         assert told.code == 2
-        assert f"`stepdiag status {tmp_path}` says what is missing" in told.refusal
+        assert f"`stepdiag status {tmp_path}` shows what is missing" in told.refusal
 
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
         (tmp_path / "r.csv").write_text(

@@ -105,7 +105,7 @@ class TestReach:
                 figure["low"] = figure["high"] = None
         words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))])), "en")
         assert "at best 0.1 µm" in words["reached"][1]
-        assert "Measure again to know" in words["reached"][1]
+        assert "A new measurement shows the result" in words["reached"][1]
 
     @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
     def test_the_written_interval_holds_the_computed_one(self, low: float, width: float) -> None:
@@ -309,7 +309,7 @@ class TestBasis:
 class TestWhatWasNotMeasured:
     """An interval that is wide for what nobody measured says so: it is no spread of the readings."""
 
-    SAID = "that is why the interval is so wide"
+    SAID = "The interval is wide for this reason"
 
     @pytest.mark.parametrize(("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)])
     def test_makes_the_interval_wide_and_that_is_said(self, setups: tuple[str, ...], said: bool) -> None:
@@ -365,4 +365,4 @@ class TestUnseenSlip:
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
-        assert "npp/1/4: nothing would tell" in words
+        assert "npp/1/4: no reading shows it" in words

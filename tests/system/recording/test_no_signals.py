@@ -132,7 +132,7 @@ def test_begin_says_why_it_cannot(tmp_path, monkeypatch):
             until(process, "begin-refused")
         code, out, _ = stepdiag("check", place.survey, "--seconds", "1")
         assert code == 0
-        assert "the machine says nothing" in out
+        assert "the machine sends no signals" in out
 
 
 def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
