@@ -112,7 +112,9 @@ class DaemonStatusSource:
         """Return what `status` shows of a daemon that runs."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
-        return LiveStatus(time_s=time.time(), **words, told=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air)
+        return LiveStatus(
+            time_s=time.time(), **words, conditions=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air
+        )
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""
