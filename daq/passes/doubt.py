@@ -70,6 +70,11 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         return self.code == "air-unknown" or (isinstance(self.why, Message) and self.why.key in STATED)
 
     @property
+    def line(self) -> str:
+        """Return the line of the survey file that its message names; empty where none is."""
+        return str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
+
+    @property
     def words(self) -> Words:
         """Return the doubt with its place before it."""
         return at(self.at, self.why)

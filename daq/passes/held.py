@@ -11,7 +11,7 @@ from stepdiag.base.conditions.air import HALL, Air, AirUncertainty, index_u
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import COURSES
-from stepdiag.daq.capture.remarks.machine_remarks import credible_of
+from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey

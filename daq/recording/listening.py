@@ -7,7 +7,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words
-from stepdiag.daq.capture.remarks.stream_findings import STREAMS
+from stepdiag.daq.capture.remarks.remarks import STREAMS
 from stepdiag.daq.formats.recognise import KEPT, refused, senseless
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.formats import decoders

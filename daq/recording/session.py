@@ -16,7 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.cause import line_named
+from stepdiag.daq.capture.cause.finder import line_named, line_to_correct
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -30,7 +30,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders
+from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
@@ -118,10 +118,12 @@ class Session:
         self._last_setup: int | None = None
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
+        self._silent = survey.plc.silent
         self._begun = ""
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
+        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
         self._listening = Listening(survey)
         self._down: set[Link] = set()
         self.capture: Capture | None = None
@@ -139,7 +141,7 @@ class Session:
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
-        self.book.wrong_line = next(map(line_named, filter(line_named, self.findings)), "")
+        self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
@@ -197,7 +199,7 @@ class Session:
             self._wait(event)
             return
         capture = self.capture
-        if self.survey.plc.silent:
+        if self._silent:
             self._remember(event)  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
@@ -371,8 +373,8 @@ class Session:
     def _feed(self, capture: Capture, event: Event) -> None:
         for outcome in capture.feed(event):
             self._heed(outcome)
-        if capture.signals is not None:
-            self.signals = with_air(self.survey, capture.signals, capture.air, time_of(event))
+        if capture.signals is not None and isinstance(event, ModbusBlock):
+            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns) if self._sensed else capture.signals
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
@@ -426,7 +428,7 @@ class Session:
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)
             self.findings.append(outcome)
-            self.book.wrong_line = line_named(outcome) or self.book.wrong_line
+            self.book.wrong_line = line_to_correct(outcome) or self.book.wrong_line
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)

@@ -111,11 +111,11 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return the open doubts at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass
     with all its stops.
 
-    A finding's code, such as ``too-many-outliers``, means all doubts of this kind.
+    A finding's code, such as ``too-many-outliers``, means all doubts of that kind; a line of the survey file, all that it is the cause of.
 
     Raises UsageError if there is none, naming the open doubts.
     """
-    found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code)]
+    found = [doubt for doubt in still if place and place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)]
     if not found:
         named = [message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still]
         raise UsageError(

@@ -14,7 +14,7 @@ from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take", "correct"]
 
 
 State = Literal["open", "accepted", "past"]
@@ -200,6 +200,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """The stops of the running pass and of the pass before it in the same setup."""
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
+    corrects: tuple[str, ...] = ()
+    """The lines of the survey file that were changed since it was read: a person may have the logs read by it."""
     to_drive: tuple[DriveStatus, ...] = ()
     """The passes still to be driven, in order; ``seconds_left`` is its sum."""
     origin_mm: tuple[float, float, float]

@@ -4,7 +4,7 @@ operator's commands.
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,6 +32,10 @@ LONGEST_NAME = 200
 _log = structlog.get_logger("daemon")
 
 
+async def _nothing_to_correct(_name: str) -> None:
+    raise UsageError(message("where-correct"), expected=message("expects-changed-file"), found=message("none"))
+
+
 @dataclass(slots=True, kw_only=True)
 class Working:
     """The parts of the running daemon. ``session`` records; ``shown`` is the survey on the page:
@@ -47,7 +51,11 @@ class Working:
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
-    """The urgent alarms, in words."""
+    """What a person must see at once, in words."""
+    corrects: tuple[str, ...] = ()
+    """The lines of the survey file that were changed since it was read, where the passes stay those that were driven."""
+    correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
+    """Reads the logs by the changed file, in the name of a person. Raises UsageError where that is not possible now."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
     paused: bool = False
@@ -68,6 +76,11 @@ class DaemonStatusSource:
     def news(self) -> None:
         """Take note that something has changed."""
         self._sequence += 1
+
+    @property
+    def has_news(self) -> bool:
+        """Tell whether something has changed since the last tick."""
+        return self._sequence != self._published
 
     async def publish(self) -> None:
         """Make a new snapshot due, and wake who waits for it."""
@@ -129,7 +142,7 @@ class DaemonStatusSource:
             waits_in_vain=working.waits_in_vain(),
             notice=_message(working),
         )
-        return msgspec.structs.replace(shown, ahead=working.finisher.ahead)
+        return msgspec.structs.replace(shown, ahead=working.finisher.ahead, corrects=working.corrects)
 
     def figures(self) -> Figures:
         """Return what the daemon counts and measures of itself, now."""
@@ -185,8 +198,7 @@ class DaemonStatusSource:
         """Have the further setup put into the survey. Raises UsageError where there is none, or a pass is being recorded."""
         session = working.session
         if session.recording or not working.finisher.ahead.further:
-            found = message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
-            raise UsageError(message("where-take"), expected=message("expects-further"), found=found)
+            raise UsageError(message("where-take"), expected=message("expects-further"), found=found_now(session))
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
@@ -210,13 +222,18 @@ class DaemonStatusSource:
                 session.zero()
             case "certificate":
                 self._certify(working.finisher)
-            case "accept":
-                await self._accept(session, arguments)
             case "take":
                 self._take(working)
+            case "accept" | "correct":
+                await (self._accept(session, arguments) if name == "accept" else working.correct(_line("name", arguments.get("name", ""))))
             case "name":
                 session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def found_now(session: Session) -> Message:
+    """Return what hinders an order between two passes: the pass being recorded, or nothing to do."""
+    return message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
 
 
 def _start(working: Working) -> None:
@@ -236,6 +253,8 @@ def _idle(session: Session, setup: str) -> Message:
     """Return what is waited for while nothing is being recorded."""
     if session.unsolved:
         return message("waits-unsolved", why=session.unsolved)
+    if session.book.wrong_line:
+        return message("waits-corrected", line=session.book.wrong_line)
     if session.book.whole() and setup:
         return message("waits-doubted", places=places_of(session.book.doubts()), setup=setup)
     if session.survey.plc.silent and setup:

@@ -15,7 +15,7 @@ from stepdiag.base.setups import CODED_FROM
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
-from stepdiag.daq.capture.remarks.stream_findings import STREAMS
+from stepdiag.daq.capture.remarks.remarks import STREAMS
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe

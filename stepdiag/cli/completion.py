@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 AsJson = Annotated[bool, typer.Option("--json")]
+Verbose = Annotated[bool, typer.Option("--verbose")]
 TABLES = ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral")
 """The controls that tables are written for: the names of `stepdiag.exporters.profiles.registry.CONTROLLERS`."""
 FIELDS = ("lattice", "etalon")

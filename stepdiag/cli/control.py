@@ -9,11 +9,11 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, message
 from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
-from stepdiag.cli.completion import AsJson, exported, tables
+from stepdiag.cli.completion import AsJson, Verbose, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, compared, print_compared
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_words, shown, viewers_language
+from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,6 +65,7 @@ def export(
     active: list[Path] | None = None,
     active_date: ActiveDate = None,
     active_source: str = "",
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the compensation files of a result."""
@@ -80,8 +81,9 @@ def export(
     if as_json:
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
     else:
-        _print_export(written)
-        say_granted([measured])
+        _print_export(written, verbose=verbose)
+        if verbose:
+            say_granted([measured])
 
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
@@ -120,20 +122,19 @@ def _file_json(file: "ControlFile") -> dict[str, str]:
     return {"name": file.name, "sha256": hashlib.sha256(file.data).hexdigest()}
 
 
-def _print_export(written: "ExportReport") -> None:
+def _print_export(written: "ExportReport", *, verbose: bool) -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.tables import effect_table, finding_lines
+    from stepdiag.terminal.tables import effect_table, print_findings
 
     typer.echo(shown(message("files-written", count=len(written.files), folder=str(written.out_dir))))
-    for name in written.files:
+    for name in written.files if verbose else ():
         typer.echo(f"  {name}")
-    for line in finding_lines(written.findings):
-        typer.echo(line)
+    print_findings(written.findings, verbose=verbose)
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    typer.echo(shown(message("how-to-load")))
+    print_lines([shown(message("how-to-load"))])
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -141,7 +142,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        typer.echo(render(sentence, viewers_language()))
+        print_lines([render(sentence, viewers_language())])
 
 
 def import_(

@@ -7,8 +7,8 @@ import typer
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Message, Words, message
-from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import empty_table, print_words, shown
+from stepdiag.cli.completion import AsJson, Verbose
+from stepdiag.terminal.viewer import empty_table, print_lines, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -25,6 +25,7 @@ def demo(
     seed: int = 1,
     live: Annotated[bool, typer.Option("--live")] = False,
     browser: bool | None = None,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Do the whole job on a virtual machine."""
@@ -58,7 +59,7 @@ def demo(
     if as_json:
         _print_json(found)
     else:
-        _print_table(found)
+        _print_table(found, verbose=verbose)
 
 
 def _live(out: Path, seed: int, *, browser: bool) -> None:
@@ -105,7 +106,7 @@ class _Watching:
         return END if self._keys.ended else key
 
 
-def _print_table(found: "Demonstrated") -> None:
+def _print_table(found: "Demonstrated", *, verbose: bool) -> None:
     from rich.console import Console
 
     from stepdiag.cli.status import concluded_in
@@ -117,16 +118,16 @@ def _print_table(found: "Demonstrated") -> None:
     worst_first = sorted(forms, key=lambda name: -forms[name].rms_um)
     for name, figures in [(message("as-it-is"), found.before), *((named[name], forms[name]) for name in worst_first)]:
         table.add_row(shown(name), f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
-    console = Console()
-    console.print(table)
+    Console().print(table)
     for each in found.promises:
         key: Literal["demo-promise-kept", "demo-promise-broken"] = "demo-promise-kept" if each.kept else "demo-promise-broken"
         words = shown(message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um))
-        console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
-    for line in concluded_in(found.round):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    print_words(message("demo-forms"))
-    print_words(message("demo-done", seconds_s=found.seconds, path=str(found.round / "report.html")))
+        print_lines([words[0].upper() + words[1:]])
+    if verbose:
+        print_lines(concluded_in(found.round))
+        print_lines([shown(message("demo-forms"))])
+    report = str(found.round / "report.html")
+    print_lines([shown(message("demo-done", seconds_s=found.seconds, path=report)), shown(message("demo-next", folder=str(found.folder)))])
 
 
 def _print_json(found: "Demonstrated") -> None:

@@ -17,7 +17,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.readings.readings import Readings
-from stepdiag.daq.capture.cause import CAUSE, SURE
+from stepdiag.daq.capture.cause.likelihood import CAUSE, SURE
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.methods.lengths import at_their_temperature
@@ -36,12 +36,11 @@ def exchanged(survey: Survey, readings: Readings, assumed: Assumptions) -> list[
     pairs = list(combinations(driven, 2))
     named = [readings, *(_renamed(readings, *pair) for pair in pairs)]
     weights, squares = np.array([_fitted(survey, each, assumed) for each in named]).T
-    likelihood = 0.5 * weights - 0.5 * squares
+    # few readings agree by chance with less noise than any machine has: no name counts more than the noise of most names allows
+    likelihood = 0.5 * np.minimum(weights, np.median(weights)) - 0.5 * squares
     best = 1 + int(np.argmax(likelihood[1:]))
     gain = float(likelihood[best] - likelihood[0])
-    # few readings agree by chance with less noise than any machine has: the names must fit better at the noise of most names, too
-    alike = 0.5 * np.minimum(weights, np.median(weights)) - 0.5 * squares
-    if gain < CAUSE + SURE or alike[best] <= alike[0]:
+    if gain < CAUSE + SURE:
         return []
     first, second = pairs[best - 1]
     order = _order(survey.plan.setups, first, second)

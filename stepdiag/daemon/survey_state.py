@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, joined, message
-from stepdiag.daq.capture.cause import line_named
+from stepdiag.daq.capture.cause.finder import line_to_correct
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -117,7 +117,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book.foretell(verdicts.suspicions)
     noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
     book.add_all(noted.stops)
-    book.wrong_line = next(map(line_named, filter(line_named, noted.findings)), "")
+    book.wrong_line = next(filter(None, map(line_to_correct, noted.findings)), "")
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None

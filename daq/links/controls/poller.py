@@ -129,4 +129,6 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
     """Return the address, what is refused of the block, and how late it answers."""
     late = link.lateness.words
+    if not (late or link.refusals):
+        return settings.address
     return joined([settings.address, *(error.message for error in link.refusals.values()), *([late] if late else [])])

@@ -30,7 +30,10 @@ class Lateness:
         now, number = self._clock(), data[:2] if self._numbered else b""
         if sending:
             self._sent_s, self._awaited = now, number
-            self._asked_s = dict([*self._asked_s.items(), (number, now)][-TRANSACTIONS_KEPT:])
+            self._asked_s.pop(number, None)
+            self._asked_s[number] = now  # the newest is the last
+            if len(self._asked_s) > TRANSACTIONS_KEPT:
+                del self._asked_s[next(iter(self._asked_s))]
         else:
             self._heard_s = now
             if number != self._awaited and number in self._asked_s:
