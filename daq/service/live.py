@@ -19,6 +19,7 @@ OLD_S = 10.0
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
 """Messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
+"""A larger file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):

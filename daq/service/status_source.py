@@ -29,6 +29,7 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
+"""Characters of an argument: names and reasons stand in one line of the page and the log."""
 _log = structlog.get_logger("daemon")
 
 

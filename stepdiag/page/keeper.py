@@ -63,6 +63,7 @@ GRACE_S = 1.0
 """Time in s for the page to end its streams and downloads at the end of the daemon."""
 BACKLOG = 128
 LAST_WORDS = 2000
+"""Characters of a failure in the log: the rest of a traceback adds nothing."""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
