@@ -13,6 +13,7 @@ from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
+"""Certificates of a survey before the names run out."""
 
 
 def register(app: typer.Typer) -> None:
