@@ -1,4 +1,6 @@
-"""What to drive next in a survey, beside its logs: written by a process that computes, read by the daemon and by `status`."""
+"""The next passes of a survey, in a file beside its logs: written by a process that computes, read
+by the daemon and by `status`.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""What the daemon waits for and hears right now, beside its lock, for `status`: a small file, written anew every second while it runs."""
+"""The present state of the daemon and its links, beside its lock, for `status`: a small file,
+written anew every second.
+"""
 
 import time
 from contextlib import suppress
@@ -48,7 +50,7 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file: the daemon ends. A disk that refuses leaves it there, and it is old soon."""
+    """Remove the file: the daemon ends. If the disk refuses, the file stays and is old soon."""
     with suppress(OSError):
         (folder / FILE).unlink(missing_ok=True)
 

@@ -1,4 +1,6 @@
-"""How noisy the readings are: as stated stop by stop, else from the residuals, else assumed, with a finding."""
+"""Noise of the readings: as stated stop by stop, else from the residuals, else assumed, with a
+finding.
+"""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""What the links show, as a table: live on a terminal, once at the end elsewhere."""
+"""The state of the links as a table: live on a terminal, once at the end elsewhere."""
 
 from typing import Any
 

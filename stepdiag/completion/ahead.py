@@ -1,4 +1,4 @@
-"""What to drive next in a survey that is under way, from its logs, and a further setup put into its file."""
+"""The next passes of a running survey, from its logs, and a further setup put into its file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +45,7 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
 
 
 def done_in(survey: Survey, book: PassBook) -> list[str]:
-    """Return the setups of which every pass is in, the one that stands last."""
+    """Return the setups whose every pass is in, the standing setup last."""
     standing = "" if book.last is None else book.last.setup
     done = [name for name in survey.plan.all_setups if not book.open_passes(name)]
     return sorted(done, key=lambda name: name == standing)
@@ -58,7 +58,9 @@ def _readings(survey: Survey, book: PassBook) -> Readings | None:
 
 
 def known_before(file: Path, survey: Survey, about: Circumstances) -> Circumstances:
-    """Return the circumstances with the sizes that the last finished survey of this machine shows: of those in folders beside this one."""
+    """Return the circumstances with the sizes of the last finished survey of this machine, from the
+    folders beside this folder.
+    """
     beside = survey.folder(file).parent.glob(f"*/*/{RESULT}")
     for path in sorted(beside, key=lambda path: path.stat().st_mtime, reverse=True):
         try:
@@ -102,9 +104,9 @@ def _line(run: Run) -> Words:
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
-    """Put the next setup into the survey file, where the plan does not have it yet; return it.
+    """Put the next setup into the survey file, if missing in the plan; return the setup.
 
-    Raises UsageError where nothing further is worth driving, or the file cannot hold it.
+    Raises UsageError if nothing further is worth driving, or the file cannot hold it.
     """
     run = next(iter(() if ahead.end else ahead.runs), None)
     if run is None or run.setup in survey.plan.all_setups:

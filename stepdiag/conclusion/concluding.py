@@ -40,8 +40,10 @@ LEAST_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """What became of an export: ``refused`` says why there are no files, ``untested`` names the tables whose sign nobody tried, ``harmed``
-    the stretches in which the machine would err more with its files than without."""
+    """The outcome of an export: ``refused`` gives the reason for missing files, ``untested`` names
+    the tables with an untested sign, ``harmed`` the stretches in which the machine would err more
+    with its files than without.
+    """
 
     controller: str
     refused: Words = ""
@@ -52,7 +54,9 @@ class Export:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """``wrong`` stands beside the contribution that it tells of, the largest first; the rest are sentences in the order to be read."""
+    """``wrong`` stands beside its contribution, the largest first; the rest are sentences in the
+    order of reading.
+    """
 
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
@@ -65,7 +69,7 @@ class Conclusion:
     load: tuple[Sentence, ...]
     next_step: Sentence
     findings: dict[str, int]
-    """How many findings of each severity the result carries."""
+    """Number of findings of each severity in the result."""
 
 
 def export_of(written: ExportReport) -> Export:
@@ -82,7 +86,9 @@ def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
-    """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
+    """Return the conclusion. The effect of compensation is the first export's prediction, else the
+    result's own.
+    """
     wrong = _wrong(contributions_of(result))
     proof = next((one for one in result.findings if one.code == PROOF), None)
     exported = next((each.reach for each in exports if each.reach is not None), None)
@@ -158,10 +164,11 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
-    """Yield how large a slip of the count may have gone unnoticed: the worst one, and the passes where it matters beside the noise.
+    """Yield the size of a possibly unseen slip of the count: the worst, and the passes where it
+    matters beside the noise.
 
-    The stated uncertainty has the noise of the readings and not the slip. The worst one is always reported: the noisier the readings, the
-    larger it is.
+    The stated uncertainty has the noise of the readings and not the slip. The worst is always
+    reported: the noisier the readings, the larger it is.
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
@@ -181,7 +188,9 @@ def _standing(result: Result) -> list[str]:
 
 
 def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
-    """Yield the volumetric error as it is and, as an interval, as compensation will leave it, or would where every export was refused."""
+    """Yield the volumetric error as found and, as an interval, after compensation, or its forecast
+    if every export was refused.
+    """
     if reach is None:
         yield Sentence(key="reach_axes_alone", arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))})
         return
@@ -281,10 +290,11 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the runs without which no table can be made; none of them where driving again is all that helps; None where nothing lacks.
+    """Return the runs without which no table can be made; none of them if only repeated runs help;
+    None if nothing lacks.
 
-    Scales alone refuse no export, so that one which was ``refused`` has another reason. The diagonals tell the sum of the scales:
-    runs along all axes but the longest of those unknown tell the rest.
+    Scales alone refuse no export, so a ``refused`` export has another reason. The diagonals give
+    the sum of the scales: runs along all axes but the longest unknown axis give the rest.
     """
     if not result.volume.solid:
         return None

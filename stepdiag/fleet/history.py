@@ -1,4 +1,6 @@
-"""What a store holds of its machines over time: every quantity of every survey, by machine, from the index and the tables beside it."""
+"""The machines of a store over time: every quantity of every survey, by machine, from the index and
+the tables beside it.
+"""
 
 import json
 import math
@@ -30,7 +32,9 @@ OF_VOLUME = (RMS, LARGEST)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides with what it is held against others."""
+    """A survey; ``active`` are the hashes of the loaded tables, ``standing`` decides with which
+    others it compares.
+    """
 
     time: datetime
     name: str
@@ -41,7 +45,9 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low`` and ``high`` NaN where it is even."""
+    """A quantity in a survey as shown; ``u`` is None if not stated, ``low`` and ``high`` NaN for an
+    even interval.
+    """
 
     survey: Survey
     value: float
@@ -64,10 +70,12 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys, nodes), NaN for what is not stated.
+    """A quantity of a machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys,
+    nodes), NaN where not stated.
 
-    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what a person reads: value, u, low, high.
-    ``other`` is why these surveys stand beside the others of the machine, None for those that are held against one another.
+    ``common`` is the common share of u of surveys by the same instruments, ``shown`` the values
+    shown: value, u, low, high. ``other`` is the reason why these surveys are apart from the others
+    of the machine, None for comparable surveys.
     """
 
     machine: str
@@ -87,7 +95,7 @@ class Series:
         return tuple(map(self.point, range(len(self.surveys))))
 
     def point(self, number: int) -> Point:
-        """Return one figure as a person reads it."""
+        """Return a figure as shown."""
         value, u, low, high = self.shown[number].tolist()
         return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
 
@@ -132,7 +140,9 @@ def series_in(store: Store, now: datetime, machine: str = "", software: str = ""
 
 
 def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table, list[LeftOut]]:
-    """Return the rows of what is wanted: the index where it holds them, the rest from its own tables; and the tables that are damaged."""
+    """Return the rows of the wanted surveys: from the index if present, else from their own tables;
+    and the damaged tables.
+    """
     left_out: list[LeftOut] = []
     folders = {place.folder for place in wanted}
     parts, held = [], set()
@@ -248,7 +258,7 @@ def _stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
 
 
 def _typed(value: Any, usual: Any) -> Any:
-    """Return a value where it is of the type of the usual one; a list becomes a tuple."""
+    """Return a value if it has the type of the usual value; a list becomes a tuple."""
     if isinstance(usual, tuple):
         return tuple(value) if isinstance(value, list) and all(isinstance(each, int | float | str) for each in value) else usual
     return value if type(value) is type(usual) else usual
@@ -258,7 +268,9 @@ Groups = list[tuple[dict[int, Survey], Message | None]]
 
 
 def _parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
-    """Return the surveys that are held against one another, the newest's first, and those that are left out."""
+    """Return the surveys that are compared with each other, the newest's first, and the surveys
+    left out.
+    """
     kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
@@ -317,7 +329,7 @@ def _volume_alike(one: Standing, other: Standing) -> bool:
 
 
 def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:
-    """Return one quantity of surveys that are held against one another, at the nodes that all of them have."""
+    """Return a quantity of comparable surveys, at their common nodes."""
     shown = columns.shown[rows]
     alike = columns.nodes(rows)
     nodes, at, u = alike or _at_common_nodes(*(columns.lists_of(name, rows) for name in ("positions", "values", "us")))
@@ -331,7 +343,8 @@ def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: t
 
 
 def _at_common_nodes(positions: list[Array], values: list[Array], us: list[Array]) -> tuple[Array, Array, Array]:
-    """Return a function at the nodes of its coarsest survey that all others cover: what lies between its nodes that one does not know.
+    """Return a function at the nodes of its coarsest survey that all others cover: that survey has
+    no values between its nodes.
 
     Relative to the line through its ends there: surveys over other parts of the travel have another zero and another line.
     """

@@ -127,7 +127,7 @@ class TestPlan:
         assert said["floor_um"] == 0.0, "no control is named"
 
     def test_for_a_person(self, survey):
-        told = stepdiag("plan", survey, "--minutes", 125)
+        told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
         assert "what is worth its time" in told.out
         assert "BEST SURVEY" in told.out
