@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
@@ -18,7 +19,7 @@ from stepdiag.solver.adjustment.explanations import Explained, effects_beside, e
 from stepdiag.solver.adjustment.faults import MOST, Suspicion, effects_for, most_suspicious, trial_of, weight_without, with_apart
 from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_suspicion
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
-from stepdiag.solver.adjustment.signs import wrong_signs
+from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
@@ -267,6 +268,10 @@ class _Task:
             self.findings += [finding("error", message("angles-far.sign", name=name)) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        # a function that is no larger than the expanded uncertainty of both its ends has no sign that is known
+        large = [name for name in right if np.ptp(self.angles[name].value_urad) > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)]
+        if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}, BETTER):
+            self.findings += [finding("info", message("straightness-unchecked.angles", names=unseen))]
         return current
 
     def _change_by_sign(self, name: str) -> Vector:

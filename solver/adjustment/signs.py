@@ -41,6 +41,11 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > better]
 
 
+def unseen_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) -> list[str]:
+    """Return the functions whose other sign changes nothing by which the readings would tell it, ``turned`` as in `wrong_signs`."""
+    return [name for name, change in turned.items() if _square(current, change) <= better]
+
+
 def _square(current: MixedFit, target: Vector) -> float:
     return _of(current, target).chi_square
 
