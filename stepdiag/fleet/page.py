@@ -15,8 +15,8 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.fleet.history import LeftOut
 from stepdiag.fleet.report import fleet_html
+from stepdiag.fleet.series import LeftOut
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
 from stepdiag.page.security import Access
