@@ -42,7 +42,7 @@ class Load:
 
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_EEC.MPF`` for EEC tables; one that is not to act stays switched off."""
+    """Return ``LOAD_EEC.MPF`` for EEC tables; a table that is not to act stays switched off."""
     keys = [f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}" for load in loads]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
     body += [
@@ -62,7 +62,9 @@ def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
 
 
 def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_CEC.MPF`` for CEC tables; one that is not to act stays switched off, as does an axis without any that does."""
+    """Return ``LOAD_CEC.MPF`` for CEC tables; a table that is not to act stays switched off, and so
+    does an axis without active tables.
+    """
     tables = [load.table for load in loads]
     outputs = {letter: profile.axis(letter).name for letter in dict.fromkeys(table.output_axis for table in tables)}
     indices = [table.place["table"] for table in tables]

@@ -9,9 +9,9 @@ import typer
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.cli.completion import AsJson
+from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.cli.granted import say_assumed
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_lines, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
@@ -32,6 +32,7 @@ def plan(
     minutes: float | None = None,
     target_um: float | None = None,
     apply: Annotated[bool, typer.Option("--apply")] = False,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Predict what a survey will tell, and in what time."""
@@ -57,7 +58,7 @@ def plan(
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
-        _print(advice, asked=asked)
+        _print(advice, asked=asked, verbose=verbose)
     if apply:
         _apply(file, survey, advice, asked=asked)
 
@@ -167,18 +168,21 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
     return {name: size if isfinite(size) else None for name, size in sizes.items()}
 
 
-def _print(advice: "Advice", *, asked: bool) -> None:
+def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:
     from rich.console import Console
 
     from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    print_words(in_words(advice.forecast))
-    console.print(forecast_table(advice.forecast))
-    console.print(front_table(advice))
+    print_lines([shown(in_words(advice.forecast))])
+    if verbose:
+        console.print(forecast_table(advice.forecast))
+    console.print(front_table(advice, verbose=verbose))
     if advice.best is not None:
-        print_words(message("best-survey", what=in_words(advice.best)))
-        console.print(forecast_table(advice.best))
+        print_lines([shown(message("best-survey", what=in_words(advice.best)))])
+        if verbose:
+            console.print(forecast_table(advice.best))
     elif asked:
         print_words(message("no-survey-fits"))
-    say_assumed(advice.forecast.assumed.stated())
+    if verbose:
+        say_assumed(advice.forecast.assumed.stated())

@@ -1,4 +1,4 @@
-"""What to drive next in a survey that is under way, from its logs, and a further setup put into its file."""
+"""The next passes of a running survey, from its logs, and a further setup put into its file."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -46,7 +46,7 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
 
 
 def done_in(survey: Survey, book: PassBook) -> list[str]:
-    """Return the setups of which every pass is in, the one that stands last."""
+    """Return the setups whose every pass is in, the standing setup last."""
     standing = "" if book.last is None else book.last.setup
     done = [name for name in survey.plan.all_setups if not book.open_passes(name)]
     return sorted(done, key=lambda name: name == standing)
@@ -116,9 +116,9 @@ def _line(run: Run) -> Words:
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
-    """Put the next setup into the survey file, where the plan does not have it yet; return it.
+    """Put the next setup into the survey file, if missing in the plan; return the setup.
 
-    Raises UsageError where nothing further is worth driving, or the file cannot hold it.
+    Raises UsageError if nothing further is worth driving, or the file cannot hold it.
     """
     run = next(iter(() if ahead.end else ahead.runs), None)
     if run is None or run.setup in survey.plan.all_setups:

@@ -1,4 +1,4 @@
-"""What a survey can tell by how it is driven, before anything of it is measured: as the planner knows it."""
+"""Weaknesses of a survey that follow from its plan, before any measurement."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,9 +68,10 @@ def _zone(survey: Survey, folder: Path) -> Zone | None:
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:
-    """Yield how large a slip of the count nobody would see, where each setup is driven once and nothing is compared with it.
+    """Yield the size of a possibly unseen slip of the count, if each setup is driven once and
+    compared with nothing.
 
-    What is driven out and back, or repeated, tells a slip by itself.
+    Passes driven out and back, or repeated, show a slip by themselves.
     """
     plan = survey.plan
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
