@@ -98,7 +98,7 @@ def read_result(path: Path, name: str = "") -> "Result":
 
     Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
     """
-    from stepdiag.base.files import read_hashed
+    from stepdiag.base.files import read_text
     from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
 
@@ -109,7 +109,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     if {".csv", ".mcap"} & set(path.suffixes):
         remedy = message("command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]))
         raise UsageError(str(path), expected=message("result-in-file", name=RESULT), found=message("source-of-result"), remedy=remedy)
-    return parse_result(read_hashed(file), name or file.name)
+    return parse_result(read_text(file), name or file.name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:

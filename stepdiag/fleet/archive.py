@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_hashed
+from stepdiag.base.files import read_text
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import parse_result
 from stepdiag.daq.passes.survey_time import CODE
@@ -53,7 +53,7 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 
 def undated(folder: Path) -> str:
     """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
-    result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
+    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
     return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
@@ -63,7 +63,7 @@ def add(folder: Path, store: Store) -> Added:
     Raises DataError where a log or the result cannot be read, or where the same logs are there with other results; UsageError where the
     store cannot be written. Whatever ends it half-way leaves a survey that is not listed, which the next call completes.
     """
-    result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
+    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
     logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
     name = _name_of(logs)
     facts = about(result, name)
