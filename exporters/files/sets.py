@@ -1,7 +1,9 @@
-"""Sets of files that belong together: a folder with them and their SHA-256 appears whole or not at all, and is read whole or refused.
+"""Sets of files: a folder with them and their SHA-256 appears whole or not at all, and is read
+whole or refused.
 
-A control that got half of an export is worse off than one that got nothing. So a set is written into a hidden folder beside its place,
-what brings the control back before what changes it, put on the disk, and renamed once. `SHA256SUMS` says afterwards what belongs to it.
+A control with half of an export is worse off than a control without. So a set is written into a
+hidden folder beside its place, the restoring files before the changing files, put on the disk, and
+renamed once. `SHA256SUMS` then lists the members of the set.
 """
 
 import hashlib
@@ -26,10 +28,12 @@ _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})"
 
 
 def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. A set that stands there already stays.
+    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. An
+    equal set in the folder stays.
 
-    Whatever happens, power loss included, the folder holds all or nothing, and of two writers one wins. Raises ``UsageError`` where the
-    folder holds anything else, cannot be written, or two files have one name.
+    In any event, power loss included, the folder holds all or nothing, and of two writers a single
+    writer wins. Raises ``UsageError`` if the folder holds anything else, cannot be written, or two
+    files have one name.
     """
     everything = (*files, sums_of(files))
     refuse_file_name(folder)
@@ -55,7 +59,7 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
     Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its
     list names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs of a broken write are no files.
     """
-    wanted = _listed(folder)
+    wanted = listed(folder)
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     missing = [name for name in wanted if name not in present]
     if missing:
@@ -69,10 +73,10 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
 
 
 def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
-    """Return the files that a person names: those of whole folders (`read_set`), and single ones.
+    """Return the named files: the files of whole folders (`read_set`), and single files.
 
-    A single file that stands in a set must be as it was written (``SafetyError``, code ``set-altered``), and who names the list of a set
-    means all of it.
+    A single file in a set must be unchanged (``SafetyError``, code ``set-altered``), and the list
+    of a set stands for the whole set.
     """
     read: list[ControlFile] = []
     for path in paths:
@@ -83,16 +87,17 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
         if path.name == SUMS:
             read_set(path.parent)
         elif (path.parent / SUMS).is_file():
-            _refuse_altered(path.parent, _listed(path.parent), (file,))
+            _refuse_altered(path.parent, listed(path.parent), (file,))
         read.append(file)
     return tuple(read)
 
 
 def zip_of(folder: Path, *, restore: bool) -> bytes:
-    """Return a set as one zip without the files that restore the control, or these alone; its ``SHA256SUMS`` holds for what is in it.
+    """Return a set as a zip without the files that restore the control, or these alone; its
+    ``SHA256SUMS`` covers its contents.
 
-    What is packed is what was compared with the list: a set that is altered while somebody fetches it is refused, with the SafetyError of
-    `read_set`.
+    The packed bytes are the bytes compared with the list: a set altered during the download is
+    refused, with the SafetyError of `read_set`.
     """
     files = [file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore]
     packed = io.BytesIO()
@@ -102,17 +107,8 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
     return packed.getvalue()
 
 
-def whole(folder: Path) -> bool:
-    """Tell whether a folder holds a set, complete and unaltered."""
-    try:
-        read_set(folder)
-    except (SafetyError, DataError, UsageError, OSError):
-        return False
-    return True
-
-
-def _listed(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 by name, as the folder's list says."""
+def listed(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 by name, as the folder's list says. Raises DataError where there is none, SafetyError for another text."""
     path = folder / SUMS
     if not path.is_file():
         expected = message("set-folder", name=SUMS)
@@ -123,6 +119,15 @@ def _listed(folder: Path) -> dict[str, str]:
     if not wanted or len(wanted) != len(lines):
         raise _refusal(folder, "set-altered", message("export-writes", sums=SUMS), message("another-text"))
     return wanted
+
+
+def whole(folder: Path) -> bool:
+    """Tell whether a folder holds a set, complete and unaltered."""
+    try:
+        read_set(folder)
+    except (SafetyError, DataError, UsageError, OSError):
+        return False
+    return True
 
 
 def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:

@@ -18,6 +18,8 @@ from stepdiag.api.tables import frame, table
 from stepdiag.base.files import read_text, write_hashed
 from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.base.result.result import Result, parse_result
+from stepdiag.certificate.custody import Verified, verify_certificate
+from stepdiag.certificate.written import Beside, write_certificate
 from stepdiag.comparing.compare import Comparison, compare
 from stepdiag.exporters.export.export import export as export_files
 from stepdiag.exporters.export.written import ExportReport
@@ -38,6 +40,8 @@ __all__ = [
     "Readings",
     "RecordedLog",
     "Result",
+    "Verified",
+    "certificate",
     "compare",
     "export",
     "frame",
@@ -57,13 +61,15 @@ __all__ = [
     "solve",
     "table",
     "verify",
+    "verify_certificate",
 ]
 
 
 def load_readings(path: Path | str) -> Readings:
     """Return the readings of a CSV file (columns setup, pass, stop, x_mm, y_mm, z_mm, reading_mm and more).
 
-    Raises ``UsageError`` for a file that cannot be read, ``DataError`` with row and field for one that is no table of readings.
+    Raises ``UsageError`` for an unreadable file, ``DataError`` with row and field for a file that
+    is not a table of readings.
     """
     return in_mm(parse_readings(read_text(Path(path)), Path(path).name), Path(path).name)
 
@@ -97,11 +103,12 @@ def export(
     step_mm: float | None = None,
     accept: Collection[str] = (),
 ) -> ExportReport:
-    """Write the compensation files of a result for a control and return what was written and what it will do.
+    """Write the compensation files of a result for a control and return the files and their effect.
 
-    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it this is a quick look, with the
-    tables at the measured positions or in steps of ``step_mm``. ``accept`` names the warnings that may pass.
-    Raises ``SafetyError`` for a failed check, ``DataError`` for what is not identified.
+    ``profile`` is the machine's profile (written by ``stepdiag profile``); without a profile the
+    export is a quick look, with the tables at the measured positions or in steps of ``step_mm``.
+    ``accept`` names the warnings that may pass. Raises ``SafetyError`` for a failed check,
+    ``DataError`` for what is not identified.
     """
     found = load_profile(Path(profile), controller_named(controller), result.volume) if profile is not None else None
     return export_files(result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir))
@@ -139,3 +146,18 @@ def report(
     from stepdiag.report.output import write_report
 
     return write_report(build_report(result, source=result.source, readings=readings, language=language), Path(out), pdf=pdf)
+
+
+def certificate(
+    result: Path | str, out: Path | str, *, files: Sequence[Path | str] = (), laboratory: Path | str | None = None,
+    report: Path | str | None = None, left: Path | str | None = None,
+) -> int:  # fmt: skip
+    """Write the digital calibration certificate (DCC) of a result's file and return how many things it rests on, each by its SHA-256.
+
+    ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report that ``stepdiag report`` wrote of all
+    these, ``left`` the result's file of the survey after loading. `verify_certificate` computes it again. Raises ``UsageError`` where a
+    file is in its place, ``DataError`` for files that do not belong to the result.
+    """
+    stated, shown, after = (None if path is None else Path(path) for path in (laboratory, report, left))
+    beside = Beside(laboratory=stated, files=[Path(file) for file in files], report=shown, left=after)
+    return write_certificate(Path(result), Path(out), beside)

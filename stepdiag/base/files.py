@@ -1,8 +1,8 @@
-"""Files: read up to a limit, written whole or not at all, those that belong together all or none.
+"""Files: read up to a limit, written whole or not at all, groups of files all or none.
 
-What is there is kept unless the caller says otherwise.
+Existing files are kept unless the caller asks otherwise.
 
-Text is UTF-8 with LF wherever it is written.
+Text is UTF-8 with LF in every file.
 """
 
 import hashlib
@@ -15,15 +15,17 @@ from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
 
 LARGEST_BYTES = 64_000_000
-"""The largest file that is read into memory at once: more is none that a survey leaves, and a parser may need twenty times as much."""
+"""The largest file read into memory at once: no survey leaves a larger file, and a parser may need
+twenty times as much.
+"""
 LARGEST_SETTINGS_BYTES = 1_000_000
 """The largest file of settings that a person writes: a survey, a profile, a calibration."""
 LARGEST_TABLE_BYTES = 4_000_000
-"""The largest file of a machine that a profile names, and the largest that goes into a log."""
+"""The largest table of a machine named by a profile, and the largest file in a log."""
 HASH_SUFFIX = ".sha256"
 FILE_SUFFIXES = (".csv", ".docx", ".htm", ".html", ".ini", ".json", ".mcap", ".mpf", ".parquet", ".pdf", ".png", ".rtl", ".svg", ".toml",
                  ".txt", ".xlsx", ".xml", ".zip")  # fmt: skip
-"""Endings of files: a name with one of these is not meant as that of a folder."""
+"""Endings of files: a name with one of these does not name a folder."""
 
 
 def read_bytes(
@@ -35,9 +37,10 @@ def read_bytes(
     remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
-    """Return the bytes of a file; ``where`` is the field that names it, if one does: it is then to be a file and no terminal or pipe.
+    """Return the bytes of a file; ``where`` is the field that names it, if any: it must then be a
+    file and no terminal or pipe.
 
-    Raises UsageError where it cannot be read, ``blame`` where it holds more than ``largest`` bytes.
+    Raises UsageError for an unreadable file, ``blame`` for more than ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(where, expected=expected, found=message("which-none", name=path.name), remedy=remedy)
@@ -101,7 +104,9 @@ def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file, over an older one if need be, so that a reader sees the old or the whole new one; its folder is made."""
+    """Write a file, over an older file if need be, so that a reader sees the old or the whole new
+    file; its folder is made.
+    """
     write_together({path: data}, over=True)
 
 
@@ -140,7 +145,9 @@ def refuse_existing(path: Path) -> None:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text file that must not be there yet, whole or not at all. Raises UsageError where it is, or where it cannot be written."""
+    """Write a new text file, whole or not at all. Raises UsageError if it exists or cannot be
+    written.
+    """
     refuse_existing(path)
     try:
         path.parent.stat()  # of a folder that is not there the name is wrong

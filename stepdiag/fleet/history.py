@@ -1,4 +1,6 @@
-"""What a store holds of its machines over time: every quantity of every survey, by machine, from the index and the tables beside it."""
+"""The machines of a store over time: every quantity of every survey, by machine, from the index and
+the tables beside it.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +48,9 @@ def series_in(store: Store, now: datetime, machine: str = "", software: str = ""
 
 
 def _read(store: Store, wanted: Sequence[Place], surveys: int) -> tuple[pa.Table, list[LeftOut]]:
-    """Return the rows of what is wanted: the index where it holds them, the rest from its own tables; and the tables that are damaged."""
+    """Return the rows of the wanted surveys: from the index if present, else from their own tables;
+    and the damaged tables.
+    """
     left_out: list[LeftOut] = []
     folders = {place.folder for place in wanted}
     parts, held = [], set()
@@ -160,7 +164,7 @@ def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quanti
 
 
 def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:
-    """Return one quantity of surveys that are held against one another, at the nodes that all of them have."""
+    """Return a quantity of comparable surveys, at their common nodes."""
     shown = columns.shown[rows]
     alike = columns.nodes(rows)
     nodes, at, u = alike or _at_common_nodes(*(columns.lists_of(name, rows) for name in ("positions", "values", "us")))
@@ -174,7 +178,8 @@ def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: t
 
 
 def _at_common_nodes(positions: list[Array], values: list[Array], us: list[Array]) -> tuple[Array, Array, Array]:
-    """Return a function at the nodes of its coarsest survey that all others cover: what lies between its nodes that one does not know.
+    """Return a function at the nodes of its coarsest survey that all others cover: that survey has
+    no values between its nodes.
 
     Relative to the line through its ends there: surveys over other parts of the travel have another zero and another line.
     """
