@@ -129,7 +129,7 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file. One of version 1 does not state how its fields were measured; a field that it leaves out is taken for ideal."""
+    """The whole file. One of version 1 does not state how its fields were measured; what it leaves out, no curve, is ideal."""
 
     head: HeadIdentity
     lever: LeverTable | None = None
@@ -162,11 +162,9 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
-        """Return those of the fields that nothing has measured yet; none of a file of version 1."""
-        if self.head.version == 1:
-            return []
+        """Return those of the fields that nothing has measured yet; of a file of version 1 the curves alone."""
         tables = msgspec.to_builtins(self)
-        return [name for name in names if _at(tables, name) is None]
+        return [name for name in names if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)]
 
 
 def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:
