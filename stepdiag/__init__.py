@@ -1,4 +1,6 @@
-"""What people touch: commands, the machinist's page, the report, the virtual machine, the demo.
+"""The interfaces for people: commands, the machinist's page, the report, the virtual machine, the
+demo.
 
-In: what a person types, clicks or puts into a file. Out: words, pictures, exit codes. Imported by nobody; programs use `stepdiag.api`.
+In: the user's input, clicks and files. Out: words, pictures, exit codes. Imported by no room;
+programs use `stepdiag.api`.
 """

@@ -1,7 +1,7 @@
-"""Where the process begins: ``stepdiag`` and ``python -m stepdiag``.
+"""The entry point of the process: ``stepdiag`` and ``python -m stepdiag``.
 
-The daemon as systemd starts it (``run FILE``) goes past the command line, whose libraries would be a third of its start and an eighth of
-its memory for as long as it runs.
+The daemon started by systemd (``run FILE``) goes past the command line, whose libraries would be a
+third of its start and an eighth of its memory for its whole life.
 """
 
 import os

@@ -11,25 +11,29 @@ from typing import Literal
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.by_laser import ByLaser
-from stepdiag.daq.capture.cause import CauseFinder, Stand, moves_between
+from stepdiag.daq.capture.cause.finder import CauseFinder
+from stepdiag.daq.capture.cause.likelihood import Stand, moves_between
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.place.pass_start import PassFinder
-from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
-from stepdiag.daq.capture.place.walk import Walk
-from stepdiag.daq.capture.remarks.machine_remarks import Alarm, Pulse, remarked
-from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
+from stepdiag.daq.capture.place.walk import PassFinder, Walk
+from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, remarked
 from stepdiag.daq.capture.remarks.unchecked import unchecked
-from stepdiag.daq.capture.standing.certain_window import Placing, certain_window, certain_windows, unbroken_parts
-from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker
-from stepdiag.daq.capture.standing.standstill import Standstills
+from stepdiag.daq.capture.standing.certain_window import (
+    certain_window,
+    certain_windows,
+    last_beyond_ns,
+    unbroken_parts,
+    watched_closely,
+)
+from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker, Standstills
+from stepdiag.daq.capture.standing.window import Placing
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders
+from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
@@ -68,6 +72,8 @@ class Capture:
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._cause = CauseFinder(survey, start.hints, named=start.named)
         self._dwell_before: Dwell | None = None
+        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
+        self._handshake = survey.plc.handshake.enabled
         self._late_ns = int(survey.plc.latency_s * 1e9)
         self._skip_open = start.skip_open_dwell
         self._last_count = start.last_count
@@ -84,7 +90,7 @@ class Capture:
     def machine_waits(self) -> bool:
         """Tell whether the machine stands at a stop that is not captured yet, and goes on only when it is."""
         dwell = self.tracker.open
-        return self._survey.plc.handshake.enabled and dwell is not None and dwell.from_ns != self._taken_from_ns
+        return self._handshake and dwell is not None and dwell.from_ns != self._taken_from_ns
 
     @property
     def driven_out(self) -> bool:
@@ -103,7 +109,8 @@ class Capture:
 
     def feed(self, event: Event) -> list[Outcome]:
         """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
-        return self._as_raised(self._followed(event))
+        outcomes = self._followed(event)
+        return self._as_raised(outcomes) if outcomes else outcomes
 
     def _losses(self, until_ns: float) -> int:
         """Return how often the laser's count was lost until a time."""
@@ -137,8 +144,9 @@ class Capture:
                 self._outages.take(event)
             self._take_remark(event, outcomes)
             now_ns = event.time_ns
-        self._settle(now_ns, outcomes)
-        if self._survey.plc.handshake.enabled and not (self._skip_open or self._pulse.still or self._samples_follow(event)):
+        if self._pending:
+            self._settle(now_ns, outcomes)
+        if self._handshake and not (self._skip_open or self._pulse.still or self._samples_follow(event)):
             self._take_early(outcomes)
         self._remarks.listen_now_and_then(now_ns, outcomes)
         return outcomes
@@ -312,7 +320,7 @@ class Capture:
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return
-        felt = with_air(self._survey, dwell.signals, self.air, dwell.to_ns, silent=math.nan)
+        felt = with_air(self._survey, dwell.signals, self.air, dwell.to_ns, silent=math.nan) if self._sensed else dwell.signals
         judged = self._conditions.judge(felt, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
         taken: list[Outcome] = []
         self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)
@@ -322,7 +330,7 @@ class Capture:
 
     def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         """Let the standstill be judged together with those before it."""
-        if self._finder.is_head_run(dwell.signals):
+        if self.head is not None and self._finder.is_head_run(dwell.signals):
             outcomes.extend(self._cause.leave())
             return
         walk, taken = self.walk, certain_windows(self.laser, dwell, self._survey.stop)

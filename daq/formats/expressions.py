@@ -1,4 +1,5 @@
-"""Signals that the machine does not say outright: a small typed language over named bits and words.
+"""Signals that the machine does not send outright: a small typed language over named bits and
+words.
 
     either     = both { "or" both }
     both       = negated { "and" negated }
@@ -6,8 +7,9 @@
     compared   = operand [ ("==" | "!=" | "<" | "<=" | ">" | ">=") operand ]
     operand    = NAME | NUMBER | "latch" "(" NAME ")" | "(" either ")"
 
-A bit is yes or no, a word a number; mixing them is refused where it stands. ``latch(word)`` is the last value of the word that was not 0: a
-counter that a control clears between two stops keeps its number. What was not read is unknown, and so is what depends on it.
+A bit is yes or no, a word a number; a mixture is refused at its place. ``latch(word)`` is the last
+value of the word that was not 0: a counter that a control clears between two stops keeps its
+number. A value that was not read is unknown, and so is every result that depends on it.
 """
 
 import operator
@@ -22,7 +24,9 @@ from stepdiag.base.messages import Words, message
 Kind = Literal["bit", "word"]
 Value = bool | float | None
 Inputs = Mapping[str, float | None]
-"""What was read, by name, before it is taken as a bit or a word; None where the machine refused it."""
+"""The values read, by name, before they are taken as bits or words; None for a value that the
+machine refused.
+"""
 MOST_CHARACTERS = 500
 DEEPEST = 20
 """Levels of brackets and of not."""
@@ -41,14 +45,14 @@ _WANTED = {"bit": message("wanted-bit"), "word": message("wanted-word")}
 
 @dataclass(slots=True)
 class Memory:
-    """What the latches of one stream of polls hold."""
+    """The values held by the latches of one stream of polls."""
 
     last: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed expression; ``names`` are the inputs that it needs."""
+    """A parsed expression; ``names`` are the inputs it needs."""
 
     kind: Kind
     names: frozenset[str]
@@ -63,9 +67,10 @@ class _Token:
 
 
 def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expression:
-    """Return the expression of a text; ``kinds`` are the inputs it may name, ``where`` the field it stands in.
+    """Return the expression of a text; ``kinds`` are the inputs it may name, ``where`` the field
+    that holds it.
 
-    Raises UsageError that points at the character where it cannot go on.
+    Raises UsageError that points at the first character not understood.
     """
     return _Parser(text, kinds, where).whole()
 
@@ -91,7 +96,7 @@ class _Parser:
         return self._tokens[self._next]
 
     def _takes(self, *texts: str) -> str:
-        """Return the token's text and step over it where it is one of ``texts``; nothing where it is not."""
+        """Step over the token and return its text if ``texts`` holds it, else nothing."""
         text = self._here.text
         if self._here.what == "odd" or text not in texts:
             return ""
@@ -214,7 +219,9 @@ def _tokens(text: str) -> list[_Token]:
 
 
 def _joined(left: Expression, right: Expression, *, decided_by: bool) -> Expression:
-    """Return both or either of two bits: one that is ``decided_by`` settles it, whatever the other is, known or not."""
+    """Return both or either of two bits: a bit equal to ``decided_by`` settles the result, even if
+    the other is unknown.
+    """
 
     def value(inputs: Inputs, memory: Memory) -> Value:
         sides = left.value(inputs, memory), right.value(inputs, memory)

@@ -1,6 +1,8 @@
-"""Which instrument it is that sends, by its first bytes: every format that needs no description is tried on them.
+"""Recognition of the sending instrument by its first bytes: every format that needs no description
+is tried on them.
 
-And the words for a stream of which nothing makes sense: `check` says them, and the journal of a daemon.
+And the words for a stream of which nothing makes sense: `check` and the journal of a daemon show
+them.
 """
 
 from collections.abc import Iterator
@@ -17,9 +19,9 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2
-"""Garbage makes one reading by accident; it does not make two."""
+"""Garbage makes a reading by accident, but not two."""
 KEPT = 4096
-"""How much of the beginning of a stream is kept, to be shown and recognised where it makes no sense."""
+"""Bytes kept of the beginning of a stream, shown and recognised if it makes no sense."""
 QUOTED = 24
 """Bytes of a senseless stream that are shown."""
 
@@ -39,7 +41,8 @@ def recognise(heard: bytes) -> str:
 
 
 def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
-    """Return the message of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
+    """Return the message of a stream without readings: its beginning, its likely format and the
+    remedy.
 
     ``heard`` are its first bytes of ``count``, ``remark`` the last remark of its decoder.
     """
@@ -50,12 +53,12 @@ def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
 
 
 def refused(name: Words, remark: Words) -> Message:
-    """Return the message of an instrument that answers, and never with a reading that can be used."""
+    """Return the message of an instrument that answers, but never with a usable reading."""
     return message("stream-refused", stream=name, why=remark or message("reports-error"))
 
 
 def _candidates() -> Iterator[tuple[str, Decoder]]:
-    """Yield those that check most first: a checksum, then a grammar."""
+    """Yield the decoders with the strictest checks first: a checksum, then a grammar."""
     yield "lasertex", LasertexDecoder(LasertexSettings())
     yield "fourdof", FourdofDecoder(FourdofSettings())
     yield "fourdof", FourdofDecoder(FourdofSettings(encoding="ascii"))

@@ -1,8 +1,9 @@
 """Registers -> signals (contract 2): where each signal lies, the requests that read them all, and their decoding.
 
-A signal is one bit, or a number of one or two registers in any of the four byte orders in use. Controls disagree on the
-order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1), so each signal names its own and the bytes are put
-in order here by hand, tested against literal wire bytes.
+A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
+Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1),
+so each signal names its own and the bytes are put in order here by hand, tested against literal
+wire bytes.
 """
 
 import math
@@ -36,7 +37,7 @@ _PLACES: dict[str, tuple[int, ...]] = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1
 
 
 class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where one signal lies and how it reads: value = raw * scale + offset."""
+    """Place and scale of a signal: value = raw * scale + offset."""
 
     address: Annotated[int, msgspec.Meta(ge=0, le=65535)]
     table: Table = "holding"
@@ -65,7 +66,9 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """What the machine says in one poll; None for a signal that is not mapped or whose request was refused."""
+    """The signals of one poll of the machine; None for a signal that is not mapped or whose request
+    was refused.
+    """
 
     stopped: bool | None = None
     running: bool | None = None
@@ -91,7 +94,9 @@ class Signals:
 
 SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
 COUNTED = ("heartbeat", "stop_count", "setup")
-"""Signals that are whole numbers, whatever type they are sent in: a control that knows only reals sends them as float32."""
+"""Signals that are whole numbers, whatever type they are sent in: a control that has only reals
+sends them as float32.
+"""
 SWITCHED = ("stopped", "running", "alarm")
 """Signals that are yes or no."""
 
@@ -115,11 +120,14 @@ CONTRACT_SIGNALS: SignalMap = {
 
 
 def plan_reads(signals: SignalMap, standing: Collection[str] = ("stopped",)) -> tuple[ReadRange, ...]:
-    """Return the fewest requests that read every signal; ``standing`` names those that tell whether the machine stands.
+    """Return the fewest requests that read every signal; ``standing`` names the signals that show
+    whether the machine stands.
 
-    Only addresses that touch are joined: a hole between two signals may be an address the control refuses. A range never exceeds what
-    one request may ask for, and no number is torn apart by its end. Where it takes more than one request, what tells of standing is asked
-    for first and last: the machine may leave between two of them, and only what was read while it stood belongs to a stop.
+    Only addresses that touch are joined: a hole between two signals may be an address the control
+    refuses. A range never exceeds what one request may ask for, and no number is torn apart by its
+    end. If more than one request is needed, the signals of standing are asked for first and last:
+    the machine may leave between two requests, and only values read while the machine stood belong
+    to a stop.
     """
     ranges = _joined(signals)
     telling = {name: signals[name] for name in standing if name in signals}
@@ -192,7 +200,7 @@ class SignalDecoder:
         return tuple(name for name, places in self._places.items() if not any(block.data[answer] for answer, _ in places))
 
     def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of one signal, typed as ``Signals`` declares it."""
+        """Return the value of a signal, typed as ``Signals`` declares it."""
         spec = self._signals[name]
         numbers = [_number(spec, data[answer], place) for answer, place in self._places[name] if data[answer]]
         if not numbers:
@@ -220,7 +228,7 @@ class SignalDecoder:
 
 
 def _typed(name: str, value: float) -> int | float | None:
-    """Return a number as the signal wants it; None for one that is none."""
+    """Return a number in the type of its signal; None if it is not valid."""
     if not math.isfinite(value):
         return None
     return round(value) if name in COUNTED else float(value)
@@ -264,7 +272,9 @@ def _number(spec: SignalSpec, data: bytes, place: int) -> float:
 
 
 def resolution(spec: SignalSpec, value: float) -> float:
-    """Return the least difference that a signal can show at a value: one count of a whole number, the last bit of a real one."""
+    """Return the least difference that a signal can show at a value: one count of a whole number,
+    the last bit of a real number.
+    """
     if spec.type == "float32":
         return abs(spec.scale) * float(np.spacing(np.float32((value - spec.offset) / spec.scale)))
     return abs(spec.scale)

@@ -1,7 +1,8 @@
-"""Keeping a link: one object for serial lines and Modbus.
+"""Keeping a link: an object for serial lines and Modbus.
 
-A session is a coroutine function: it opens its device, works until the device is lost, closes it, and ends by raising DeviceError.
-Any other exception is a fault of this program and ends the reconnector too, so that no worker dies unseen.
+A session is a coroutine function: it opens its device, works until the device is lost, closes it,
+and ends by raising DeviceError. Any other exception is a fault of this program and ends the
+reconnector too, so that no worker dies unseen.
 """
 
 import asyncio

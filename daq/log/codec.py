@@ -1,12 +1,14 @@
 """Events <-> the JSON messages of a log.
 
-One message holds the events of one stream over a fraction of a second, each event with its own time. Measured on noisy lines at
-1 kHz with one chunk a line: 16 bytes a sample where every event is a message, 10 to 12 in batches; base64 costs 3 bytes a sample
-more because it hides the digits from zstd; a binary schema saves 0.2 and nobody can read it. So the bytes of a chunk stand as a
-text, each byte as the character of its number (ISO 8859-1), which loses nothing.
+A message holds the events of a stream over a fraction of a second, each event with its own time.
+Measured on noisy lines at 1 kHz with one chunk a line: 16 bytes a sample with a message per event,
+10 to 12 in batches; base64 costs 3 bytes a sample more because it hides the digits from zstd; a
+binary schema saves 0.2 and is not readable. So the bytes of a chunk stand as a text, each byte as
+the character of its number (ISO 8859-1), which loses nothing.
 
-Every event of a log has a number, its place in the order of consumption. A batch tells the numbers of its events as runs:
-``order`` is the number of the first, then by turns ``skip`` numbers that belong to other channels and ``run`` events of this one.
+Every event of a log has a number, its place in the order of consumption. A batch tells the numbers
+of its events as runs: ``order`` is the number of the first, then by turns ``skip`` numbers of other
+channels and ``run`` events of this channel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -155,7 +157,9 @@ def topic_of(event: Event) -> str:
 
 
 def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
-    """Return the message that holds a batch of one topic; link changes and losses come one at a time, blocks with the same ranges."""
+    """Return the message of a batch of a topic; link changes and losses are single, blocks have
+    equal ranges.
+    """
     first = batch[0][1]
     match first:
         case Chunk():

@@ -1,4 +1,4 @@
-"""Reading logs: what stands at their start, the events in the order of their capture, and how they ended.
+"""Reading logs: their header, the events in the order of their capture, and their end.
 
 log = open_log(path)            header; refuses what is not a log of ours
 for event in log.events(): ...  bounded memory, up to the first record that is not whole
@@ -22,19 +22,24 @@ from stepdiag.daq.records.events import Event
 
 MOST_RECORDS_BEFORE_SURVEY = 16
 MAX_WAITING_EVENTS = 1_000_000
-"""Events that may wait for one with a lower number; our writer never has more waiting than one batch."""
+"""Events that may wait for an event with a lower number; our writer never has more waiting than a
+batch.
+"""
 
 
 MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
-"""What a log may hold: so many events, and so many for each byte. An event of ours takes a byte at least, for when it came."""
+"""Most events of a log, in all and per byte. An event of ours takes at least a byte, for its
+time.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogEnd:
-    """How a log ended. ``damage`` is empty for a whole log; ``run_stop`` is what the recorder wrote at its end, if it came to that.
+    """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the recorder's last
+    record, if written.
 
-    ``dropped_events`` were read, but an event before them was lost with the damaged part (a mended log has them too);
-    ``lost_bytes`` could not be read at all.
+    ``dropped_events`` were read, but an event before them was lost with the damaged part (a mended
+    log has them too); ``lost_bytes`` could not be read at all.
     """
 
     events: int
@@ -145,8 +150,8 @@ def must_be_there(path: Path) -> None:
 def open_log(path: Path) -> Log:
     """Return a log with its header read.
 
-    Raises DataError for a file that cannot be read, that is not one of ours, that a newer version wrote, or that was cut off before
-    its header was whole.
+    Raises DataError for a file that is unreadable, is not a log of ours, was written by a newer
+    version, or was cut off inside its header.
     """
     reader = RecordReader(path)
     metadata: dict[str, dict[str, str]] = {}

@@ -21,8 +21,10 @@ from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 AT_ONCE_NS = 30_000_000_000
 """Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""
 MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 8
-"""What a log may hold of its stream: so many lines, and so many for each of its bytes. A recorder that gets 100 equal lines at a time
-packs 7 of them into a byte; a log of 46 kB was made that unpacks to 1.2 million."""
+"""Most lines of a log's stream, in all and per byte of the log. A recorder that gets 100 equal
+lines at a time packs 7 of them into a byte; a log of 46 kB was made that unpacks to 1.2 million
+lines.
+"""
 COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
 
@@ -50,10 +52,11 @@ class Decoded:
 
 
 def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None) -> Iterator[Decoded]:
-    """Yield the samples of one stream of a log, block by block; ``survey_file`` stands for the one in the log where that cannot be used.
+    """Yield the samples of a stream of a log, block by block; ``survey_file`` replaces the survey
+    file of the log if the log's cannot be used.
 
-    Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it, or more lines than
-    its bytes can stand for.
+    Raises UsageError for a stream that its survey lacks, DataError for a log without a sample of
+    the stream, or with more lines than its bytes can stand for.
     """
     text, source = log.header.survey_text, f"{log.path.name}: survey.toml"
     survey = parse_survey(text, source) if survey_file is None else parse_survey(read_text(survey_file), survey_file.name)

@@ -1,4 +1,6 @@
-"""What ``stepdiag decode`` writes: every sample as CSV, Parquet, or MCAP beside the notes of its log."""
+"""The files of ``stepdiag decode``: every sample as CSV, Parquet, or MCAP beside the notes of its
+log.
+"""
 
 import csv
 import math

@@ -1,4 +1,6 @@
-"""A file that is written while it is recorded: ``<name>.part`` until it is whole, and never in the place of another."""
+"""A file written during the recording: ``<name>.part`` until it is whole; no other file is
+overwritten.
+"""
 
 import errno
 import os

@@ -25,11 +25,13 @@ MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
 """Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
 MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
-"""What all chunks together may unpack to: so many bytes, and so many for each byte read. A laser at rest for hours comes to 400."""
+"""Most unpacked bytes of all chunks, in all and per byte read. A laser at rest for hours comes to
+400.
+"""
 
 
 class BrokenRecordError(ValueError):
-    """What no log of ours can hold; ``words`` name it."""
+    """A record that no log of ours can hold; ``words`` name the reason."""
 
     def __init__(self, words: Message) -> None:
         super().__init__(str(words))
@@ -75,9 +77,11 @@ class _BoundedFile:
 
 
 class RecordReader:
-    """The records of a file in order. After the iteration ``damage`` names what ended it early, or is empty.
+    """The records of a file in order. After the iteration ``damage`` names the reason of an early
+    end, or is empty.
 
-    A log that was closed since somebody listed it is read under the name that it then has: ``path`` is that name after the iteration.
+    A log closed after its listing is read under its new name: ``path`` is the new name after the
+    iteration.
     """
 
     def __init__(self, path: Path) -> None:
@@ -116,7 +120,9 @@ class RecordReader:
 
 
 def stored_bytes(path: Path) -> int:
-    """Return the size of a log, one that was closed since somebody listed it too. Raises DataError where it is gone."""
+    """Return the size of a log in bytes, also of a log closed after its listing. Raises DataError
+    if the log is gone.
+    """
     try:
         if path.suffix == PART_SUFFIX:
             with suppress(FileNotFoundError):
@@ -133,7 +139,9 @@ def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
 
 
 def _claimed_bytes(chunk: ChunkRecord) -> int:
-    """Return what a chunk says that it unpacks to. Raises BrokenRecordError for one that no log of ours can hold."""
+    """Return the unpacked size that a chunk claims, in bytes. Raises BrokenRecordError for a size
+    that no log of ours can hold.
+    """
     if chunk.compression != "zstd":
         raise impossible("chunk.compression", repr(chunk.compression))
     claimed = max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data))

@@ -1,8 +1,10 @@
-"""The recorder: a thread of its own that writes logs, so that no disk ever holds up the reading of an instrument.
+"""The recorder: a thread of its own that writes logs, so that no disk delays the reading of an
+instrument.
 
-`Recorder.admit` never blocks. It answers with the events that are recorded, in the order in which they will be replayed, and only
-those may be consumed: where the disk cannot follow, events are refused, counted, and noted in the log as a `Loss`. A full disk stops
-the recording; it goes on by itself, with nothing torn, when there is space.
+`Recorder.admit` never blocks. It answers with the recorded events, in the order of their replay,
+and only recorded events may be consumed: if the disk cannot follow, events are refused, counted,
+and noted in the log as a `Loss`. A full disk stops the recording; the recording goes on by itself,
+with nothing torn, when there is space.
 """
 
 import threading
@@ -23,22 +25,28 @@ from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
 from stepdiag.daq.records.events import Event, Loss
 
 FLUSH_S = 0.36
-"""A killed process loses less than this, the 70 ms that reader and loop gather, and the time of one write: half a second is promised."""
+"""A killed process loses less than this time in s, the 70 ms that reader and loop gather, and the
+time of a write: the promise is half a second.
+"""
 SYNC_S = 1.0
 """A power failure loses at most this; a captured stop is synced at once."""
 RETRY_S = 0.5
-"""How long after a refusal the disk is asked again."""
+"""Wait in s after a refusal of the disk before the next try."""
 WAKE_BYTES = 262_144
 """The thread sleeps until this much waits or a flush is due: a wake-up costs as much as the work on ten kilobytes."""
 BACKLOG_BYTES = 16_000_000
-"""What may wait for the disk: several seconds of the fastest instrument. Admitting begins again at half of it."""
+"""Most bytes that wait for the disk: several seconds of the fastest instrument. Admitting begins
+again at half of this size.
+"""
 
 State = Literal["idle", "recording", "blocked", "dead"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecorderHealth:
-    """How the recorder is: ``blocked`` while the disk refuses, ``dead`` when the thread has ended by an error."""
+    """State of the recorder: ``blocked`` while the disk refuses, ``dead`` when the thread has ended
+    by an error.
+    """
 
     state: State
     path: Path | None
@@ -78,10 +86,10 @@ class _OpenLog:
 
 
 class Recorder:
-    """Writes one log after another.
+    """Writes logs, each after the end of the last.
 
-    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` belong to one thread, the one that captures. ``on_change`` is called in
-    the recorder's thread whenever its state changes.
+    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` belong to the thread that captures.
+    ``on_change`` is called in the recorder's thread whenever its state changes.
     """
 
     def __init__(self, on_change: Callable[[RecorderHealth], None], *, backlog_bytes: int = BACKLOG_BYTES) -> None:
@@ -124,7 +132,9 @@ class Recorder:
         self._wake.set()
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Take the next event; return what may be consumed: the event, a `Loss` before it after a gap, or nothing when it is refused."""
+        """Take the next event; return the events to consume: the event, a `Loss` before it after a
+        gap, or nothing when it is refused.
+        """
         event = whole_us(event)
         size = size_of(event)
         gap = self._lost_events > self._loss_noted
@@ -145,10 +155,12 @@ class Recorder:
             self._put(1000, note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Take the note of a captured stop, or of the end of its pass, and write it at once, with all that came before it.
+        """Take the note of a captured stop, or of the end of its pass, and write it at once, with
+        everything before it.
 
-        ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed process would not lose it any more: not
-        before may it be reported. A note that a full disk refuses is kept; one that a dead recorder cannot take is never saved.
+        ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed
+        process would not lose the note any more: only then may the stop be reported. A note that a
+        full disk refuses is kept; a note that a dead recorder cannot take is never saved.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))
@@ -160,7 +172,9 @@ class Recorder:
         self._wake.set()
 
     def stop(self, timeout_s: float = 10.0) -> bool:
-        """End the thread when all that was taken is written; return False where a disk that refuses kept the last log a ``.part``."""
+        """End the thread when everything taken is written; return False if a refusing disk kept the
+        last log a ``.part``.
+        """
         self._stopping.set()
         self._wake.set()
         self._thread.join(timeout_s)
@@ -266,7 +280,9 @@ class Recorder:
             saved()
 
     def _insist(self, action: Callable[[], None]) -> bool:
-        """Do something to the disk until it succeeds; return False when it still refuses as the recorder is to end."""
+        """Repeat an action on the disk until it succeeds; return False when the disk still refuses
+        as the recorder ends.
+        """
         while True:
             try:
                 action()

@@ -1,4 +1,4 @@
-"""What is in a log, and mending one that was cut off: into a new file, never in place."""
+"""Contents of a log, and mending a log that was cut off: into a new file, never in place."""
 
 import tomllib
 from collections.abc import Iterator
@@ -21,12 +21,16 @@ from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"
-"""Of a mended log that is not whole yet: a copy, so what a kill left of one is begun again."""
+"""Suffix of a mended log that is not whole yet: a copy, so the remains of a killed copy are
+overwritten.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogInfo:
-    """What is in a log. ``stream_bytes`` counts the raw bytes by stream, ``seconds`` is from the first event to the last."""
+    """Contents of a log. ``stream_bytes`` counts the raw bytes by stream, ``seconds`` is from the
+    first event to the last.
+    """
 
     path: Path
     run: dict[str, str]
@@ -38,7 +42,9 @@ class LogInfo:
     stops: int
     end: LogEnd
     carries_token: bool = False
-    """Whether the survey file in it holds a token of the page, as those of older versions could."""
+    """Whether its survey file holds a token of the page, as survey files of older versions
+    could.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,10 +102,12 @@ def recovered_path(path: Path) -> Path:
 
 
 def recover(path: Path, target: Path | None = None) -> Recovery:
-    """Write every whole message of a damaged log into a new, indexed one; the damaged log stays as it is.
+    """Write every whole message of a damaged log into a new, indexed log; the damaged log stays
+    unchanged.
 
-    Raises DataError when the log is whole, is not one of ours, when the target exists, or when the mended log does not read back as
-    many messages and events as were written; UsageError where nothing can be written.
+    Raises DataError when the log is whole, is not a log of ours, when the target exists, or when
+    the mended log does not read back as many messages and events as were written; UsageError where
+    nothing can be written.
     """
     target = recovered_path(path) if target is None else target
     log = open_log(path)

@@ -1,6 +1,7 @@
 """The volume, the route and the stops of a pass as Foxglove's 3D panel draws them: foxglove.SceneUpdate, lengths in metres.
 
-A viewer that jumps in time sees the newest message alone: each holds the whole scene, of a long pass its newest stops.
+A viewer that jumps in time sees the newest message alone: each message holds the whole scene, of a
+long pass its newest stops.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,9 @@
-"""The channels of a log: topic, hand-written schema, and the notes that stand in them for a person to look at.
+"""The channels of a log: topic, hand-written schema, and the notes in them for a viewer.
 
-Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an object with properties, each
-property has one plain type; no unions, no references, no arrays of arrays (acquisition.md B2, rule 4). Units stand in the
-names; a state is logged as number and as text, because PlotJuggler drops texts (rule 6). What is unknown is left out.
+Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an
+object with properties, each property has one plain type; no unions, no references, no arrays of
+arrays (acquisition.md B2, rule 4). Units stand in the names; a state is logged as number and as
+text, because PlotJuggler drops texts (rule 6). Unknown values are left out.
 """
 
 import json
@@ -98,7 +99,7 @@ _ENTITY: Schema = {
 }  # fmt: skip
 _DELETION: Schema = {"type": "object", "properties": {"timestamp": TIME, "type": INTEGER, "id": TEXT}}
 _SCENE = {"deletions": {"type": "array", "items": _DELETION}, "entities": {"type": "array", "items": _ENTITY}}
-"""What we use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
+"""The parts in use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
 _FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
 
 RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw", "air": "/air/raw"}
@@ -139,7 +140,9 @@ DECODED_CHANNELS: dict[Stream, Channel] = {
 }  # fmt: skip
 
 MESSAGES = ("broken", "unwatched", "doubts")
-"""What a stop's note holds as JSON in a text, as viewers want plain types; beside it stand the English words."""
+"""The fields of a stop's note that are JSON in a text, since viewers want plain types; the English
+words stand beside them.
+"""
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 """Levels of foxglove.Log."""
 
@@ -155,10 +158,11 @@ def signals_note(time_ns: int, signals: Signals) -> Note:
 
 
 def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None) -> Note:
-    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it takes it.
+    """Return a captured stop, timed by the end of its window; the recorder syncs the file on taking
+    it.
 
-    ``travel_mm`` is what the laser has read since the first stop of the pass, ``deviation_um`` by how much that is off the geometry; None
-    where the count does not reach back.
+    ``travel_mm`` is the laser's way since the first stop of the pass, ``deviation_um`` its
+    deviation from the geometry; None if the count does not reach back.
     """
     fields = msgspec.structs.asdict(stop)
     messages = {name: value for name in MESSAGES if (value := fields.pop(name))}

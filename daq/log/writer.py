@@ -1,7 +1,9 @@
-"""Writing one log (MCAP): what stands at its start and end, batches of events, notes. No thread, no disk: bytes into a stream.
+"""Writing a log (MCAP): its header and end, batches of events, notes. No thread, no disk: bytes
+into a stream.
 
-Chunks of 64 KiB with zstd and CRCs. How much is lost with the last one is a matter of how often the recorder flushes; only a fast
-instrument fills one before, and there smaller ones cost a quarter more time. Messages are batched alike, see `daq.log.codec`.
+Chunks of 64 KiB with zstd and CRCs. The loss with the last chunk depends on the recorder's flushes;
+only a fast instrument fills a chunk before, and there smaller chunks cost a quarter more time.
+Messages are batched alike, see `daq.log.codec`.
 """
 
 import hashlib
@@ -26,14 +28,16 @@ RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
 CHUNK_BYTES = 65_536
 BATCH_BYTES = 65_536
-"""What may wait in batches before they are written, whatever the time: about the length of their text."""
+"""Bytes at most in batches before they are written, whatever the time: about the length of their
+text.
+"""
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogHeader:
-    """What stands at the start of a log.
+    """The first record of a log.
 
     ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` and ``clock`` are free names and texts (run id,
     setup, state to start from; latency timer, low-latency mode); the program adds versions and the survey's SHA-256.
@@ -52,7 +56,9 @@ def survey_digest(text: str) -> str:
 
 
 class LogWriter:
-    """Writes the events and notes of one log into a stream that has ``write``, ``tell`` and ``flush``."""
+    """Writes the events and notes of a log into a stream that has ``write``, ``tell`` and
+    ``flush``.
+    """
 
     def __init__(self, stream: object, header: LogHeader) -> None:
         self.counts: Counter[str] = Counter()
@@ -117,7 +123,7 @@ class LogWriter:
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self, status: ExitStatus, reason: str, counters: Mapping[str, int]) -> None:
-        """Write the end of the log: how it ended, what it holds, the indexes."""
+        """Write the end of the log: its status, its counts, the indexes."""
         self._write_batches()
         totals = {"events": self._next, **self.counts, **counters}
         self._writer.flush()  # type: ignore[no-untyped-call]

@@ -21,7 +21,8 @@ POSSIBLE_MRAD = 20.0
 def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, float] | None:
     """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and upwards as seen along the beam.
 
-    None for a run along one axis, before every axis has made a step between two good stops, and where it comes out above `POSSIBLE_MRAD`.
+    None for a run along one axis, before every axis has made a step between two good stops, and for
+    a tilt above `POSSIBLE_MRAD`.
     """
     if not route.travel.is_diagonal or len(stops) < 4:
         return None

@@ -1,4 +1,4 @@
-"""The passes of one setup against each other: where the laser's count went wrong by a step, in which pass, and by how much."""
+"""The passes of a setup against each other: place, pass and size of a step in the laser's count."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ CONFIRMED = 0.5
 
 
 def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
-    """Return by index of the pass what stands against it.
+    """Return the doubts against each pass, by its index.
 
-    Passes that are not whole, and runs of the 4-DOF head, say nothing. ``alone``: the plan has one pass a setup, whose own steps are all
-    there is to judge it by.
+    Passes that are not whole, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has
+    one pass a setup, judged by its own steps alone.
     """
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or passes[0].route.travel.is_fourdof:
@@ -46,7 +46,9 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 
 def _seen_before(each: Pass, step: Step) -> bool:
-    """Tell whether a pass that was driven again shows the same step as before: then the machine makes it."""
+    """Return whether a repeated pass shows the same step as before: then the machine makes the
+    step.
+    """
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
         (one.beside_mm - before.beside_mm) * 1e3
@@ -108,7 +110,9 @@ class _Readings:
         return off if self.outward else -off
 
     def scatter_um(self, place: int) -> float:
-        """Return the robust standard deviation of the other steps of the pass, each against those of its axis."""
+        """Return the robust standard deviation of the other steps of the pass, each against the
+        steps of its axis.
+        """
         return scatter_of_steps(np.diff(self.off_um), self.axes, place)
 
 
@@ -131,7 +135,9 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
 
 
 def _size_um(each: _Readings, along_outward_um: float) -> float:
-    """Return the size of a step as the pass counts it that drives over it: a return pass drives over it the other way."""
+    """Return the size of a step in the count of its pass: a return pass drives over the step the
+    other way.
+    """
     return along_outward_um if each.outward else -along_outward_um
 
 

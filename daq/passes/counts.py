@@ -1,4 +1,4 @@
-"""Which passes of a setup were driven on one unbroken count of the laser, and what brings their readings to one zero."""
+"""Passes of a setup on one unbroken count of the laser, and their common zero."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +16,11 @@ class Counted:
 
 
 def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
-    """Return the passes in their order; those of a setup whose counts are joined beyond doubt share a ``zero``, numbered from 1 a setup.
+    """Return the passes in their order; passes of a setup whose counts are joined beyond doubt
+    share a ``zero``, numbered from 1 a setup.
 
-    A count joins two passes where a stretch of it reaches into both. One before which nobody watched the laser joins nothing: a step
-    of the count there would be taken for backlash.
+    A count joins two passes if a stretch of the count reaches into both. A stretch after an
+    unwatched time joins nothing: a step of the count there would be taken for backlash.
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
@@ -32,7 +33,9 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
 
 
 def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
-    """Return a pass on the count of an earlier one that it shares a stretch with, else on a count of its own."""
+    """Return a pass on the count of an earlier pass with a common stretch, else on a count of its
+    own.
+    """
     own = {stretch: zero for stretch, zero in each.zeros().items() if not zero.doubt}
     for other in reversed(placed):
         for stretch, zero in other.driven.zeros().items():

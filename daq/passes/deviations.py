@@ -1,4 +1,4 @@
-"""Deviations as people watch them: put right for air, dead path and the mirror's tilt.
+"""Deviations as shown: corrected for air, dead path and the mirror's tilt.
 
 Both ways of a setup share one zero, one sign and one numbering.
 """
@@ -43,7 +43,9 @@ def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...
 
 
 def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) -> dict[int, float]:
-    """Return the deviations of a way back on the zero of the way out: by the count where it is one, else hung onto the far end."""
+    """Return the deviations of a way back on the zero of the way out: by a common count, else
+    joined at the far end.
+    """
     counted, own = on_one_count([out, back]), _own_um(survey, back)
     end = max(out.chosen())
     begun = min(back.chosen())

@@ -1,4 +1,4 @@
-"""What may be wrong with a reading that is in use, and a person's word that it is right all the same."""
+"""Possible faults of a reading in use, and the operator's acceptance of the reading."""
 
 from collections.abc import Iterable
 
@@ -29,10 +29,12 @@ STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
-    """A reading that may be off. It keeps its pass open until its stop is measured again or a person accepts it.
+    """A reading that may be off. The doubt keeps its pass open until its stop is measured again or
+    the operator accepts it.
 
-    ``stop`` is None where the whole pass is meant. ``taken_ns`` is the beginning of the window it is about: a stop that is driven again is
-    another measurement, and what was accepted of the one before says nothing of it.
+    ``stop`` is None for the whole pass. ``taken_ns`` is the beginning of the window in doubt: a
+    repeated stop is another measurement, and an acceptance of the earlier measurement does not
+    cover it.
     """
 
     setup: str
@@ -52,7 +54,9 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at(self) -> Place:
-        """Return where it is; of a doubt of an old file the direction is not known, and its words name it."""
+        """Return the place of the doubt; a doubt from an old file has no direction, and its words
+        name it.
+        """
         return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
 
     @property
@@ -66,13 +70,20 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         return self.code == "air-unknown" or (isinstance(self.why, Message) and self.why.key in STATED)
 
     @property
+    def line(self) -> str:
+        """Return the line of the survey file that its message names; empty where none is."""
+        return str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
+
+    @property
     def words(self) -> Words:
         """Return the doubt with its place before it."""
         return at(self.at, self.why)
 
 
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
-    """Return the places of doubts, each once, in order: two findings at one stop are one place to look at."""
+    """Return the different places of doubts, in order: two findings at a stop are one place to look
+    at.
+    """
     return list(dict.fromkeys(doubt.place for doubt in doubts))
 
 

@@ -1,4 +1,6 @@
-"""One pass as far as it has been driven: which stops have a usable reading, which may be off, and what to do about it."""
+"""A pass as far as driven: its stops with a usable reading, its doubtful stops, and the
+remedies.
+"""
 
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
@@ -26,9 +28,9 @@ class Pass:
     acceptances: list[Acceptance] = field(default_factory=list)
     against: tuple[Doubt, ...] = ()
     suspected: list[Doubt] = field(default_factory=list)
-    """What others, such as the solver, say against readings of this pass."""
+    """Doubts of others, such as the solver, against readings of this pass."""
     same_um: InitVar[float] = SAME_UM
-    """How far one stop measured twice may differ."""
+    """Largest difference in um of a stop measured twice."""
     _stretches: Stretches = field(default_factory=Stretches)
     _stretch: int | None = None
     _last: int = -1
@@ -65,7 +67,9 @@ class Pass:
         return None if stop.refused else self._stretches.differs_um(self._measured(stop, stretch))
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
-        """Take a stop, unless it was refused. ``slip_um``: its stretch begins with it because it reads by so much otherwise than before."""
+        """Take a stop, unless refused. ``slip_um``: its stretch begins with it because its reading
+        differs by so much from before.
+        """
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
             code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
@@ -82,15 +86,17 @@ class Pass:
         return Measured(stop, stretch, self._visit, self.route.nominal_at_mm(stop.position_mm))
 
     def zeros(self) -> Zeros:
-        """Return the zero of every stretch that has one."""
+        """Return the zero of every stretch with a zero."""
         if self._zeros is None:
             self._zeros = self._stretches.zeros(len(self.route))
         return self._zeros
 
     def chosen(self) -> Chosen:
-        """Return the measurement that counts of every stop, by stop number, its reading on the zero of the pass.
+        """Return the valid measurement of every stop, by stop number, its reading on the zero of
+        the pass.
 
-        It is the latest usable one; of several at one standstill the one without doubt and with the most samples: the longest steady part.
+        It is the latest usable measurement; of several at a standstill the measurement without
+        doubt and with the most samples: the longest steady part.
         """
         if self._chosen is None:
             self._used = {index: each for index, entries in sorted(self.measured.items()) if (each := self._best(entries)) is not None}
@@ -109,7 +115,9 @@ class Pass:
 
     @property
     def base(self) -> int | None:
-        """Return the stretch that the offsets of `chosen` refer to: passes with the same one share a zero. None before the first stop."""
+        """Return the stretch that the offsets of `chosen` refer to: passes with the same stretch
+        share a zero. None before the first stop.
+        """
         return next(iter(self.zeros()), None)
 
     @property
@@ -144,7 +152,7 @@ class Pass:
         return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
 
     def open_doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts that nobody has accepted."""
+        """Return the doubts that are not accepted."""
         return tuple(each for each in self.doubts() if not any(word.covers(each) for word in self.acceptances))
 
     def doubted(self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None) -> Doubt:

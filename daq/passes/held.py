@@ -1,4 +1,6 @@
-"""What it costs that a sensor was not believed: the uncertainty of the values that stood in for it, as the budget of a survey has it."""
+"""The cost of a rejected sensor: the uncertainty of the values in its place, as the budget of a
+survey has it.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -9,18 +11,22 @@ from stepdiag.base.conditions.air import HALL, Air, AirUncertainty, index_u
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import COURSES
-from stepdiag.daq.capture.remarks.machine_remarks import credible_of
+from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey
 
 NEVER_SEEN_S = 3600.0
-"""A value of the survey file that no sensor ever confirmed is as sure as one that was seen so long ago."""
+"""A value of the survey file without confirmation by a sensor is as certain as a reading of this
+age in s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A condition that is not that of its sensor at some of the stops: how many, and the largest standard uncertainty of what counts."""
+    """A condition held without its sensor at some of the stops: the number of stops, and the
+    largest standard uncertainty of the values.
+    """
 
     name: str
     stops: int
@@ -28,19 +34,21 @@ class Held:
 
 
 def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, ...]:
-    """Return what was held at the stops in use, but for conditions that somebody ``stated`` afterwards.
+    """Return the conditions held at the stops in use, except conditions ``stated`` afterwards.
 
-    The uncertainty is that with which a value may have changed since it was last believed (`capture.conditions`), taken as the half width
-    of a rectangular distribution (GUM 4.3.7).
+    The uncertainty covers the possible change of a value since its last valid reading
+    (`capture.conditions`), taken as the half width of a rectangular distribution (GUM 4.3.7).
     """
     u = _u_by_name(sorted(_in_use(book), key=lambda stop: stop.time_s))
     return tuple(Held(name, len(values), max(values)) for name, values in u.items() if values and name not in set(stated))
 
 
 def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Assumptions:
-    """Return the assumptions with what is not known of air and material added to what is usual, in quadrature.
+    """Return the assumptions with the uncertainty of held conditions of air and material added in
+    quadrature.
 
-    Nobody knows how much of it all setups share: it counts in full for the survey, and in full from setup to setup.
+    The common part of all setups is unknown: the uncertainty counts in full for the survey, and in
+    full from setup to setup.
     """
     u: dict[str, float] = {}
     for each in held:
@@ -55,10 +63,11 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
 
 
 def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = ()) -> tuple[Held, ...]:
-    """Return the conditions of the air that the readings depend on and that no sensor measured at some of the stops in use.
+    """Return the conditions of the air that the readings depend on and that no sensor measured at
+    some of the stops in use.
 
-    What the survey file says counted there. None where a person stated them, in the file or afterwards; the material's temperature the
-    solver sees to itself.
+    There the value of the survey file counted. None for conditions stated in the file or
+    afterwards; the material's temperature the solver sees to itself.
     """
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()

@@ -10,7 +10,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.place.route import Route, route_of
-from stepdiag.daq.capture.remarks.machine_remarks import credible_of
+from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated
@@ -32,11 +32,13 @@ class PassBook:
         self.preferred = ""
         """The setup that a person wants next."""
         self.wrong_line = ""
-        """The line of the survey file that a finding has named as wrong: until it is corrected no pass has to be driven again."""
+        """The line of the survey file named as wrong by a finding: until its correction no pass has
+        to be driven again.
+        """
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
         self.stops = 0
-        """How many were taken, whatever became of them."""
+        """Number of stops taken, usable or not."""
         self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
         self._known: dict[int, float] = {}
@@ -102,9 +104,11 @@ class PassBook:
             each.suspected = [doubt for doubt in self._suspected if (doubt.setup, doubt.pass_number) == (each.route.setup, each.number)]
 
     def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
-        """Take what was suspected while the stops were captured that are to be added: after how many of them, and what.
+        """Take the suspicions raised during the capture of the stops to be added: the number of
+        stops before each, and its doubts.
 
-        A stop driven because its pass was suspected belongs to that pass; without this it would be one of a further pass.
+        A stop driven for a suspicion belongs to the suspected pass; without this it would belong to
+        a further pass.
         """
         self._suspicions = list(suspicions)
 
@@ -114,7 +118,7 @@ class PassBook:
             self._acceptances.append(word)
 
     def accepted(self) -> tuple[tuple[Doubt, Acceptance], ...]:
-        """Return the doubts of the readings in use that a person has accepted, each with the word that covers it."""
+        """Return the accepted doubts of the readings in use, each with its acceptance."""
         doubts = [doubt for each in self.passes for doubt in each.doubts()]
         pairs = ((doubt, next((word for word in self._acceptances if word.covers(doubt)), None)) for doubt in doubts)
         return tuple((doubt, word) for doubt, word in pairs if word is not None)
@@ -251,7 +255,9 @@ class PassBook:
 
 
 def _believed_only(stop: CapturedStop) -> bool:
-    """Tell whether nobody knows that a stop is the one it is taken for: nothing can be placed by it."""
+    """Return whether the place of a stop is an assumption only: nothing can be placed by this
+    stop.
+    """
     return "place-unknown" in stop.doubt_codes
 
 

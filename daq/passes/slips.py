@@ -1,8 +1,9 @@
 """A step of the laser's count that no single reading shows: a slip, a frozen value, a bumped mirror.
 
-The count of an interferometer slips and goes on as if nothing had happened; a mirror that was touched does the same. What was driven
-twice tells: the difference between two passes over the same stops (out against back, one repeat against another) is smooth, reversal and
-drift included, but for the place where the count went wrong.
+The count of an interferometer slips and goes on as if nothing had happened; a touched mirror does
+the same. Repeated passes show the step: the difference between two passes over the same stops (out
+against back, one repeat against another) is smooth, reversal and drift included, except at the
+place of the step.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,9 @@ from stepdiag.daq.capture.standing.window import MAD_TO_SIGMA
 Vector = NDArray[np.float64]
 
 TIMES_NOISE = 6.0
-"""A step is one where it stands out of its neighbours by so many robust standard deviations, more where there are few neighbours."""
+"""A step stands out of its neighbours by so many robust standard deviations, more with few
+neighbours.
+"""
 FEW = 6.0
 LEAST_UM = 1.0
 """Smaller steps are not looked for: machines do not repeat better over a whole diagonal."""
@@ -27,7 +30,9 @@ FLOOR_UM = 0.15
 """The least noise that is believed of a handful of differences."""
 ALONE_UM = 10.0
 ALONE_STEPS = 5
-"""A pass that nothing can be compared with is judged by its own steps of one axis: so many of them, and only what is so large."""
+"""Least number of own steps of an axis by which a single pass is judged, and least size of a step
+that is reported.
+"""
 FEW_UM, FEW_UM_M = 50.0, 500.0
 """Fewer steps have no scatter to be judged by: two of one axis that differ by more than this, and so much a metre of step, are no axis."""
 
@@ -46,11 +51,12 @@ class Step:
 
 
 def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector) -> Step | None:
-    """Return the one step of a sequence that is otherwise smooth, or None.
+    """Return the single step of an otherwise smooth sequence, or None.
 
-    ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard uncertainties; ``axes`` (n - 1,) the axis
-    that moves from stop to stop and ``share`` how much of its way the reading holds: on a long machine one axis brings all the scatter,
-    and its steps are a third of all.
+    ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard
+    uncertainties; ``axes`` (n - 1,) the axis that moves from stop to stop and ``share`` the share
+    of its way in the reading: on a long machine a single axis brings all the scatter, and its steps
+    are a third of all.
     """
     steps_um = np.diff(values_um)
     if len(steps_um) < 3:
@@ -70,11 +76,12 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
 
 
 def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector) -> Step | None:
-    """Return the one step of a pass that is unlike the others of its axis, or None.
+    """Return the single step of a pass that is unlike the others of its axis, or None.
 
-    ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` the axis and ``nominal_mm`` the nominal size of each. Tilt of the
-    mirror and scale of the axis make all steps of an axis alike. Of few steps what no axis does is reported; None too where an axis makes
-    a single one.
+    ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
+    their nominal sizes. Tilt of the mirror and scale of the axis make all steps of an axis alike.
+    Of few steps only a size that no axis makes is reported; None also for an axis with a single
+    step.
     """
     found = []
     for axis in dict.fromkeys(axes):
@@ -87,7 +94,9 @@ def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Ve
 
 
 def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[Step]:
-    """Return the one of a few steps of an axis that is furthest from the others, where that is further than the least; else nothing."""
+    """Return the step furthest from the other few steps of an axis, if further than the least; else
+    nothing.
+    """
     off = np.array([step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)])
     worst = len(off) - 1 - int(np.argmax(np.abs(off[::-1])))
     if abs(off[worst]) <= least_um:
@@ -102,7 +111,9 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 
 
 def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return the robust standard deviation of the steps of a pass, each against those of its axis, without that to a stop; in um."""
+    """Return the robust standard deviation in um of the steps of a pass, each against the steps of
+    its axis, without the step to a stop.
+    """
     off: list[float] = []
     for axis in dict.fromkeys(axes):
         own = np.array([steps_um[index] for index, each in enumerate(axes) if each == axis and index != stop - 1])

@@ -14,20 +14,25 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
-"""One standstill measured twice within one count: what a good machine repeats and drifts meanwhile. More is a loss of the laser."""
+"""Largest difference in um of a standstill measured twice within a count: repeatability of a good
+machine and its drift meanwhile. More is a loss of the laser.
+"""
 SURE = 3.0
 """Standard uncertainties of readings and machine that are allowed for."""
 
 
 def same_um(repeatability_um: float) -> float:
-    """Return how far one stop measured twice within one count may differ on a machine that repeats to this (k = 1)."""
+    """Return the largest difference in um of a stop measured twice within a count, for a machine of
+    this repeatability (k = 1).
+    """
     return max(SAME_UM, SURE * float(np.sqrt(2.0)) * repeatability_um)
 
 
 class OnZero(CapturedStop, frozen=True, kw_only=True):
-    """A stop whose ``reading_mm`` counts from the zero of its pass; NaN where the laser reads nothing.
+    """A stop whose ``reading_mm`` counts from the zero of its pass; NaN if the laser reads nothing.
 
-    Whatever shows or compares readings takes this type: the count as the laser gives it has another zero after every loss.
+    Every display or comparison of readings takes this type: the raw count of the laser has another
+    zero after every loss.
     """
 
     reading_mm: float
@@ -42,7 +47,9 @@ def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A stop, the stretch of unbroken count it belongs to, and the visit: measured again without another stop in between is one visit."""
+    """A stop, its stretch of unbroken count, and its visit: a repeated measurement without another
+    stop in between is one visit.
+    """
 
     stop: CapturedStop
     stretch: int
@@ -58,9 +65,11 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """What to add to the readings of a stretch, in mm, so that it shares the zero of the pass; ``doubt`` says why it may not be right.
+    """Offset in mm to add to the readings of a stretch, so that the stretch shares the zero of the
+    pass; ``doubt`` gives the reason of a doubtful offset.
 
-    ``code`` is the doubt's code as a finding, ``size_um`` by how much the stretch may be off where that is known.
+    ``code`` is the doubt's code as a finding, ``size_um`` the possible error of the stretch, if
+    known.
     """
 
     offset_mm: float
@@ -82,18 +91,20 @@ Zeros = dict[int, Zero]
 
 @dataclass(slots=True)
 class Stretches:
-    """What is known of the count of one pass: measurements by stop, in the order of their capture."""
+    """The counts of a pass: measurements by stop, in the order of their capture."""
 
     same_um: float = SAME_UM
-    """How far one stop measured twice may differ."""
+    """Largest difference in um of a stop measured twice."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, tuple[int, Words, str]] = field(default_factory=dict)
     """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
-    """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""
+    """The stop and the size of the slip with which a stretch began."""
 
     def differs_um(self, now: Measured) -> float | None:
-        """Return by how much a stop reads more than it did in the same stretch; None where it was not measured in it, or agrees."""
+        """Return the increase of a stop's reading over the same stretch; None if the stretch did
+        not measure it, or agrees.
+        """
         same = [entry for entry in self.measured.get(now.stop.stop, ()) if entry.stretch == now.stretch and _of_one_count(entry.stop)]
         if not same or now.stop.reading_mm is None or same[-1].stop.reading_mm is None:
             return None
@@ -103,9 +114,10 @@ class Stretches:
     def zeros(self, stops: int) -> Zeros:
         """Return the zero of every stretch that has one, of a pass with so many stops.
 
-        The zero of the first stop's stretch is 0; where another one alone gives the whole pass, it was driven again and that counts, the
-        last of several. Stretches are joined by stops that were measured in both. One before which nobody watched the laser is taken to
-        have kept its count, and doubted, unless such a stop says how it is. A stretch that cannot be joined is absent.
+        The zero of the first stop's stretch is 0; if another stretch alone gives the whole pass,
+        the pass was repeated and the last such stretch counts. Stretches are joined by common
+        stops. A stretch after an unwatched time is taken to have kept its count, and doubted,
+        unless a common stop gives its offset. A stretch that cannot be joined is absent.
         """
         bases = dict.fromkeys(entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries)
         found = [self._from(base) for base in bases]
@@ -117,7 +129,7 @@ class Stretches:
         return best[0] if fewest else best[-1]
 
     def _used(self, zeros: Zeros) -> list[Zero]:
-        """Return the zero of the latest usable measurement of every stop that has one."""
+        """Return the zero of the latest usable measurement of every stop with a zero."""
         latest = [next((entry for entry in reversed(entries) if entry.stretch in zeros), None) for entries in self.measured.values()]
         return [zeros[entry.stretch] for entry in latest if entry is not None]
 
@@ -128,7 +140,9 @@ class Stretches:
         return zeros
 
     def _join(self, zeros: Zeros) -> bool:
-        """Join one more stretch to those whose zero is known; return whether there was one."""
+        """Join a further stretch to the stretches with a known zero; return whether there was
+        one.
+        """
         others = dict.fromkeys(entry.stretch for entries in self.measured.values() for entry in entries if entry.stretch not in zeros)
         for stretch in others:
             shifts = list(self._shifts(stretch, zeros))
@@ -160,13 +174,17 @@ class Stretches:
         return Zero(offset_mm, known.doubt, known.code, known.size_um)
 
     def _slip_between(self, stretch: int, known: Zero) -> Slip | None:
-        """Return the slip with which the later of two stretches began: that to be joined, or the one that is known."""
+        """Return the slip at the beginning of the later of two stretches: the stretch to be joined,
+        or the known stretch.
+        """
         return self.slips.get(stretch) or next(
             (slip for later, slip in self.slips.items() if stretch == later - 1 and not known.doubt), None
         )
 
     def _presume(self, zeros: Zeros) -> bool:
-        """Take one more stretch to have kept the count of the one before it; return whether there was one."""
+        """Assume that a further stretch kept the count of the stretch before; return whether there
+        was one.
+        """
         for stretch, (before, why, code) in self.unwatched.items():
             if stretch not in zeros and before in zeros:
                 known = zeros[before]
@@ -182,9 +200,10 @@ class Stretches:
 
 
 def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
-    """Return a known zero as it is worth for a stretch that is joined by these readings: what is doubted of them is doubted of it all.
+    """Return a known zero for a stretch joined by these readings: a doubt of the readings is a
+    doubt of the stretch.
 
-    A stop measured again by itself takes over whatever its reading before was off by.
+    A stop measured again by itself takes over the error of its earlier reading.
     """
     doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:

@@ -1,4 +1,6 @@
-"""When a survey was measured: by the computer's clock, or as a person states it where that clock was never set."""
+"""The time of a survey: by the computer's clock, or stated by the operator if the clock was never
+set.
+"""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -9,9 +11,11 @@ from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
-"""This program is not older: a clock that shows an earlier time was never set, or has lost it (1970, 2000, the day of the image).
+"""This program is not older: a clock with an earlier time was never set, or has lost its time
+(1970, 2000, the day of the image).
 
-A test fails where it is older than the newest version of the CHANGELOG."""
+A test fails if the date is older than the newest version of the CHANGELOG.
+"""
 
 
 def span_s(book: PassBook) -> tuple[float, float]:

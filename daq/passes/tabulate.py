@@ -21,10 +21,11 @@ from stepdiag.daq.survey.models import Environment, Survey
 def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None) -> Readings:
     """Return the readings of whole laser passes, rows in the order of passes and stops.
 
-    Readings are relative to the first stop of the setup while the laser's count is unbroken: ``zero`` numbers its stretches. An
-    instrument that counts in vacuum wavelengths gets each stop's own air; where the survey file asks for it, each axis is reduced to
-    20 C. Runs of the 4-DOF head carry no laser reading and are left out. ``environment`` holds conditions, by their names in the survey
-    file, that count in place of what was recorded.
+    Readings are relative to the first stop of the setup while the laser's count is unbroken:
+    ``zero`` numbers its stretches. An instrument that counts in vacuum wavelengths gets each stop's
+    own air; on request of the survey file, each axis is reduced to 20 C. Runs of the 4-DOF head
+    carry no laser reading and are left out. ``environment`` holds conditions, by their names in the
+    survey file, that replace the recorded values.
     """
     stated = dict(environment or {})
     survey = msgspec.structs.replace(survey, environment=msgspec.structs.replace(survey.environment, **stated))
@@ -98,7 +99,9 @@ def _beam(survey: Survey, each: Pass) -> Vector:
 
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:
-    """Return a quantity of the air: as the machine's sensors had it at the stop, or as the survey file fixes it."""
+    """Return a quantity of the air: by the machine's sensors at the stop, or fixed in the survey
+    file.
+    """
     measured = getattr(stop, name) if environment.source != "fixed" else None
     return float(measured if measured is not None else getattr(environment, name))
 

@@ -1,6 +1,8 @@
-"""The findings of a survey in the end: what is doubted still, what a person accepted, what stands in for a sensor, and what happened.
+"""The final findings of a survey: open doubts, accepted doubts, values in place of a sensor, and
+events.
 
-A finding belongs to the stop it was made at and leaves with it: what was cured by driving again is history, and hinders nobody.
+A finding belongs to its stop and leaves with the stop: a finding cured by a repeated pass is
+history, and blocks nothing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -54,9 +56,10 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
 
 
 def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Return what stands in the result: open doubts as errors, accepted ones as warnings with the word that covers them, each once.
+    """Return the findings of the result: open doubts as errors, accepted doubts as warnings with
+    their acceptance, without duplicates.
 
-    ``stated`` are conditions that somebody gave afterwards: what was doubted of them, and of them alone, is settled.
+    ``stated`` are conditions given afterwards: a doubt of these conditions alone is settled.
     """
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
@@ -66,14 +69,14 @@ def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mappi
 
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
-    """Tell whether a doubt is of conditions, and all that it is about were stated."""
+    """Return whether a doubt is of conditions, all of which were stated."""
     named = set(_arguments(doubt.why))
     meant = {name for name, condition in CONDITIONS.items() if condition in named}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)
 
 
 def _arguments(why: object) -> Iterator[object]:
-    """Yield all arguments of a message and of those within it."""
+    """Yield all arguments of a message and of the messages within it."""
     for part in why.arguments.values() if isinstance(why, Message) else why if isinstance(why, tuple) else ():
         yield part
         yield from _arguments(part)

@@ -1,9 +1,10 @@
 """Keeping a survey's folder within a budget: finished rounds are packed tighter, the oldest first. Nothing is ever removed.
 
-A log is written in small chunks, so that a kill loses little; packed, its records are the same in chunks of a megabyte at zstd's
-level 19, which takes four tenths off (a pack of whole files, already compressed, would take nothing off). It stays a log: replay, `info`
-and the viewers read it as before. It takes its place only after every record was read back and compared. To be run in a process
-of its own.
+A log is written in small chunks, so that a kill loses little; packed, its records are the same in
+chunks of a megabyte at zstd's level 19, which takes four tenths off (a pack of whole files, already
+compressed, would take nothing off). A packed log stays a log: replay, `info` and the viewers read
+it as before. It replaces the log only after every record was read back and compared. To be run in a
+process of its own.
 """
 
 import hashlib
@@ -40,7 +41,9 @@ _DRAIN_BYTES = 4_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _DATA_END = struct.pack("<BQ", 0x0F, 4)
 _FOOTER = struct.Struct("<QQI")
-"""Where the index starts, where its offsets start, and its checksum: the end of a log before the magic bytes."""
+"""The start of the index, the start of its offsets, and its checksum: the end of a log before the
+magic bytes.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +60,10 @@ def size_bytes(folder: Path) -> int:
 
 
 def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
-    """Pack the finished rounds of a survey's folder, oldest first, until it is within ``max_bytes``; yield each when it is done.
+    """Pack the finished rounds of a survey's folder, oldest first, until the folder is within
+    ``max_bytes``; yield each packed log.
 
-    Raises DataError where a log does not read back as it was; the log is then as it was.
+    Raises DataError for a log that does not read back equal; the log then stays unchanged.
     """
     rounds = sorted(each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal())
     for each in rounds:
@@ -72,7 +76,9 @@ def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
 
 
 def pack(log: Path) -> int:
-    """Write a whole log anew in large, tight chunks, in its place; return the bytes saved, 0 for one that is damaged: it stays as it is."""
+    """Rewrite a whole log in large, tight chunks, in its place; return the bytes saved, 0 for a
+    damaged log, which stays unchanged.
+    """
     before = log.stat()
     wanted = digest(log)
     if not wanted:
@@ -97,7 +103,7 @@ def pack(log: Path) -> int:
 
 
 def digest(log: Path) -> str:
-    """Return the SHA-256 of all that a log says, however it is chunked; empty for one that is damaged."""
+    """Return the SHA-256 of a log's records, independent of its chunks; empty for a damaged log."""
     reader, sum_of = RecordReader(log), hashlib.sha256()
     for record in reader:
         if isinstance(record, Schema | Channel | Message | Metadata | Attachment):
@@ -106,10 +112,12 @@ def digest(log: Path) -> str:
 
 
 def index_holds(log: Path) -> bool:
-    """Return whether the index behind the records of a whole log is as it was written: the digest of what a log says leaves it out.
+    """Return whether the index behind the records of a whole log is unchanged: the digest of the
+    records leaves it out.
 
-    Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of everything from ``summary_start`` to the checksum itself; 0 is none. The record
-    before it is DataEnd: readers pass over one of a kind that they do not know.
+    Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of everything from ``summary_start`` to the
+    checksum itself; 0 is none. The record before it is DataEnd: readers pass over a record of
+    unknown kind.
     """
     data = log.read_bytes()
     if len(data) < _FOOTER.size + len(_MAGIC):
@@ -146,9 +154,11 @@ def _copy(log: Path, file: PartFile) -> None:
 
 @contextmanager
 def _tight() -> Iterator[None]:
-    """Have the MCAP writer, which offers no choice of level, compress as tightly as it goes; for this process, which does nothing else.
+    """Have the MCAP writer, which offers no choice of level, compress as tightly as possible; for
+    this process, which does nothing else.
 
-    One at a time: a second one that began meanwhile would find the level taken back below its hands, and pack the same log to other bytes.
+    A single use at a time: a second use would find the level taken back meanwhile, and pack the
+    same log to other bytes.
     """
     names = vars(mcap.writer)
     with _ONE_AT_A_TIME:

@@ -1,6 +1,8 @@
-"""What a person at a terminal tells a daemon whose machine has no signals: this setup is going to be driven now.
+"""The operator's word to a daemon of a machine without signals: this setup is going to be driven
+now.
 
-One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon reads what is added while it runs.
+One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon reads
+added lines while it runs.
 """
 
 import time
@@ -14,12 +16,12 @@ from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
 
 BEGUN = "begun.jsonl"
 OLD_S = 30.0
-"""A word that is older when it is read was not for this daemon."""
+"""A word older than this in s was meant for an earlier daemon."""
 _log = structlog.get_logger("begun")
 
 
 class Begun(msgspec.Struct, frozen=True, kw_only=True):
-    """Who began which setup, and when (seconds since 1970)."""
+    """The beginning of a setup: operator, setup and time (seconds since 1970)."""
 
     setup: str
     name: str

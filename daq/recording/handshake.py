@@ -1,4 +1,6 @@
-"""Telling the machine that its stop is captured and that it may move on; and noticing where it waits all the same."""
+"""The answer to the machine that its stop is captured and that it may move on; and the alarm for a
+machine that still waits.
+"""
 
 from collections.abc import Callable
 
@@ -10,14 +12,15 @@ from stepdiag.daq.formats.signals import Signals
 LEAST_PATIENCE_S = 1.0
 """A stop takes its window and a few polls even where the plan asks for a shorter dwell."""
 MOST_TIMES = 3
-"""A machine that has never moved on gets the answer so often before it is named."""
+"""Answers to a machine that has never moved on, before it is named."""
 
 
 class Handshake:
     """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell gets the answer again, or is named.
 
-    ``tell`` takes a stop count; ``owed`` is that of the last stop in the logs, in case a daemon died before it wrote to the machine.
-    ``alarm`` says in words that the machine waits in vain; empty while it does not.
+    ``tell`` takes a stop count; ``owed`` is the count of the last stop in the logs, in case a
+    daemon died before writing to the machine. ``alarm`` states in words that the machine waits in
+    vain; empty otherwise.
     """
 
     def __init__(self, tell: Callable[[int], None], owed: int | None, dwell_s: float) -> None:
@@ -33,7 +36,7 @@ class Handshake:
         self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
-        """Take a stop; one that was recovered afterwards has been left long ago."""
+        """Take a stop; the machine has left a recovered stop long ago."""
         if stop.stop_count is not None and not stop.recovered:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
@@ -47,7 +50,9 @@ class Handshake:
         return finding("error", text)
 
     def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]) -> Finding | None:
-        """Look at a poll; write again what the machine has not read, and return the finding of one that waits in vain."""
+        """Look at a poll; write an unread answer again, and return the finding of a machine that
+        waits in vain.
+        """
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
             self._worked = self._worked or (self._waits_at is not None and self._waits_at == self._written)
@@ -62,14 +67,18 @@ class Handshake:
         return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
-        """Tell a machine that still stands there: its PLC may have started again, or the last daemon died before it wrote."""
+        """Answer a machine that still stands: its PLC may have started again, or the last daemon
+        died before writing.
+        """
         if self._written_ns is None or now_ns - self._written_ns > self._patience_ns:
             self._written_ns = now_ns
             self._written_times += 1
             self._tell(count)
 
     def _in_vain(self, count: int, now_ns: int) -> bool:
-        """Tell whether it waits in vain: nobody answers, or it does not hear. One that has heard before may stand for its own reasons."""
+        """Return whether the machine waits in vain: the answer fails, or the machine does not read
+        it. A machine that has read an answer before may stand for its own reasons.
+        """
         if count == self._written:
             return bool(self._refused) or (not self._worked and self._written_times >= MOST_TIMES)
         return now_ns - self._since_ns > self._patience_ns

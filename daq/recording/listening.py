@@ -7,7 +7,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words
-from stepdiag.daq.capture.remarks.stream_findings import STREAMS
+from stepdiag.daq.capture.remarks.remarks import STREAMS
 from stepdiag.daq.formats.recognise import KEPT, refused, senseless
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.formats import decoders
@@ -15,7 +15,9 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag
 
 PATIENCE_NS = 3_000_000_000
-"""What an instrument sends may make no sense for so long: its line was opened in the middle of a word, or it has just got power."""
+"""Longest time in ns in which an instrument's bytes may make no sense: its line was opened in the
+middle of a word, or its power has just come.
+"""
 SILENCE_NS = 500_000_000
 """A silence spends no more than this of the patience: noise at opening says nothing of the instrument that gets power an hour later."""
 SECOND_NS = 1_000_000_000
@@ -23,9 +25,9 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _Ear:
-    """What was heard on one line since it was opened, until it made sense.
+    """The bytes of a line since it was opened, until they made sense.
 
-    ``before`` tells that an instrument was named on this line already, before it was lost.
+    ``before``: an instrument was named on this line already, before a loss.
     """
 
     decoder: Decoder
@@ -57,7 +59,9 @@ class _Ear:
         return _Ear(decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns)
 
     def _looked_at(self, chunk: Chunk) -> bytes:
-        """Return as much as is looked at once it is reported that nothing makes sense: the beginning of every second."""
+        """Return the bytes examined after the report of senseless bytes: the beginning of every
+        second.
+        """
         if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
             if self.looked_at >= KEPT:
                 self.decoder.resync()
@@ -74,7 +78,9 @@ class _Ear:
 
 
 class Listening:
-    """Hears every stream of a survey. A line that was understood once is not listened to again before it was lost."""
+    """Hears every stream of a survey. A line understood once is not examined again before a
+    loss.
+    """
 
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
@@ -86,7 +92,7 @@ class Listening:
             self._ears[event.link] = self._ears[event.link].after_loss(decoders(self._survey)[event.link])
 
     def take(self, chunk: Chunk) -> Iterator[Finding]:
-        """Take what came; yield, once, that nothing of it can be used."""
+        """Take a chunk; yield, once, that no byte of the line is usable."""
         ear = self._ears.get(chunk.stream)
         if ear is None or ear.understood:
             return

@@ -1,4 +1,5 @@
-"""The folder of a survey on disk: one numbered folder for each time it is driven, with its logs and, once complete, its results.
+"""The folder of a survey on disk: a numbered folder per round, with its logs and, once complete,
+its results.
 
 <directory>/<name>/.lock            held by the daemon that records here
 <directory>/<name>/0001/0001.mcap   one log a pass
@@ -56,7 +57,9 @@ class FolderLock:
 
     @classmethod
     def take(cls, folder: Path) -> Self:
-        """Return the lock of a folder, made if need be. Raises UsageError where another daemon holds it or it cannot be written."""
+        """Return the lock of a folder, made if need be. Raises UsageError if another daemon holds
+        it or it cannot be written.
+        """
         try:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -74,7 +77,9 @@ class FolderLock:
         return cls(descriptor, folder)
 
     def require_folder(self) -> None:
-        """Raise DeviceError where the folder is no more the one that was taken: unmounted, moved or removed while this process records."""
+        """Raise DeviceError if the folder is no more the same: unmounted, moved or removed while
+        this process records.
+        """
         found: Words = message("folder-of-another")
         try:
             there: os.stat_result | None = (self.folder / LOCK).stat()
@@ -91,7 +96,9 @@ class FolderLock:
 
 
 def _sign(descriptor: int, folder: Path) -> None:
-    """Write who holds the lock into it, for whom it refuses. Raises UsageError where the folder takes nothing."""
+    """Write the holder into the lock, for the refusal of another daemon. Raises UsageError where
+    the folder takes nothing.
+    """
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
@@ -114,17 +121,17 @@ def is_recording(folder: Path) -> bool:
 
 
 def round_folders(folder: Path) -> list[Path]:
-    """Return the numbered folders of a survey, one for each time it was driven, in order; none where there is no such folder."""
+    """Return the numbered folders of a survey, in order of the rounds; none without a folder."""
     found = [each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda each: int(each.name))
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to go on with: the last one where it is not complete and its survey file drives the machine alike, or this file has
-    further setups; else a new one.
+    """Return the round to go on with: the last round if it is not complete and its survey file
+    drives the machine alike, or this file has further setups; else a new round.
 
-    Where registers or laser are read otherwise now, the stops are those of the logs read by this file; that stands beside them. Logs that
-    were cut off are mended first, into new files.
+    If this file reads registers or laser differently, the stops come from the logs read by this
+    file; this fact stands beside them. Logs that were cut off are mended first, into new files.
     """
     rounds = round_folders(folder)
     if not rounds:
@@ -151,8 +158,10 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 
 
 def gone_on_with(folder: Path, survey_text: str) -> Path:
-    """Return the folder of a round that has no result yet: the round itself; where a survey file has further setups than one with a result,
-    a new one that holds the same logs. What a person or the solver has stated beside them is in it, too."""
+    """Return the folder of a round without a result: the round itself; if a survey file has further
+    setups than a round with a result, a new round with the same logs. Statements of the operator or
+    the solver beside the logs are in it, too.
+    """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
     if not (folder / RESULT).exists() or survey_text in recorded or not all(extends(survey_text, one) for one in recorded):
@@ -177,12 +186,14 @@ def _copied(path: Path, target: Path) -> None:
 
 
 def next_round(begun: Round) -> Round:
-    """Return the round after one that is complete."""
+    """Return the round after a complete round."""
     return _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
 
 
 def mend(folder: Path) -> None:
-    """Recover every log of a folder that was cut off; what cannot be mended is reported and left as it is."""
+    """Recover every log of a folder that was cut off; a log beyond repair is reported and left
+    unchanged.
+    """
     for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
         if part.with_suffix("").exists():
             continue
@@ -196,7 +207,7 @@ def mend(folder: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """What a log's notes hold, in order: what the live run made of it, without decoding it again."""
+    """The notes of a log, in order: the results of the live run, without decoding again."""
 
     stops: tuple[CapturedStop, ...]
     findings: tuple[Finding, ...]
@@ -286,7 +297,9 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
 
 
 def _require_possible(stop: CapturedStop) -> None:
-    """Raise BrokenRecordError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
+    """Raise BrokenRecordError for an impossible stop: without a setup, before the first stop, at a
+    time outside the calendar.
+    """
     if not _SETUP.fullmatch(stop.setup):
         raise impossible("setup", stop.setup[:40])
     if stop.stop < 0 or not 0.0 <= stop.time_s < LATEST_S:
@@ -294,7 +307,7 @@ def _require_possible(stop: CapturedStop) -> None:
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:
-    """Return the last stop of a survey, from the newest log that holds one."""
+    """Return the last stop of a survey, from the newest log with a stop."""
     return next((noted.stops[-1] for log in reversed(logs) if (noted := noted_in(log)).stops), None)
 
 

@@ -1,8 +1,9 @@
-"""A time series of positions that another program recorded: CARTO Dynamic's ``.rtx``, or a CSV table.
+"""A time series of positions recorded by another program: CARTO Dynamic's ``.rtx``, or a CSV table.
 
-An ``.rtx`` is text lines ``key: value`` with CRLF, a line ``Data:``, float64 little-endian, and ``EOF::``. No maker's document is public:
-the layout is that of one public reader and its sample's header (TanmayPani/rtx2csv @c2571a0, 2025-11), which does not name the
-unit. So the unit of a series is always stated by who has it.
+An ``.rtx`` is text lines ``key: value`` with CRLF, a line ``Data:``, float64 little-endian, and
+``EOF::``. No maker's document is public: the layout is that of a public reader and its sample's
+header (TanmayPani/rtx2csv @c2571a0, 2025-11), which does not name the unit. So the owner of a
+series always states its unit.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 
 MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}
-"""Millimetres of each unit that a series may be in."""
+"""Millimetres of each possible unit of a series."""
 HEADER, DATA, END = b"HEADER::", b"Data:\r\n", b"EOF::"
 LONGEST_HEADER = 65_536
 STEADY = 0.5
@@ -37,7 +38,9 @@ class Series:
 
 
 def parse_rtx(data: bytes, unit: str, source: str) -> Series:
-    """Return the series of an ``.rtx`` file. Raises DataError for one that is none, is cut off, or holds what is no position."""
+    """Return the series of an ``.rtx`` file. Raises DataError for another file, a file cut off, or
+    an invalid position.
+    """
     if not data.startswith(HEADER):
         raise DataError(source, expected=message("rtx-header"), found=repr(data[:20].decode("latin-1")))
     begin = data.find(DATA, 0, LONGEST_HEADER)
@@ -58,7 +61,7 @@ def parse_rtx(data: bytes, unit: str, source: str) -> Series:
 def parse_csv_series(text: str, unit: str, source: str) -> Series:
     """Return the series of a CSV table with the columns ``time_s`` and ``position``.
 
-    Raises DataError for another table, for times that do not rise, and for a sample that is missing.
+    Raises DataError for another table, for times that do not rise, and for a missing sample.
     """
     rows = [(f"{source}: line {line}", fields) for line, fields in read_table(text, source, ("time_s", "position"))]
     times = np.array([number_in(fields, "time_s", where) for where, fields in rows])

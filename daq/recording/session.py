@@ -16,7 +16,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.cause import line_named
+from stepdiag.daq.capture.cause.finder import line_named, line_to_correct
 from stepdiag.daq.capture.conditions import believed_before, condition_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -30,7 +30,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock, Stream
-from stepdiag.daq.survey.formats import decoders
+from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
@@ -39,20 +39,22 @@ from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000
-"""What a log holds from before it was opened: with the stop signal alone, the first dwell has begun before anybody knows of a pass."""
+"""Bytes in a log from before its opening: with the stop signal alone, the first dwell has begun
+before the pass is recognised.
+"""
 SAMPLE_NOTE_NS = 200_000_000
 SIGNALS_NOTE_NS = 500_000_000
-"""How often a log shows the reading and the signals to a person looking at it."""
+"""Period in ns of the reading and the signals in a log, for a viewer."""
 IDLE_CLOSE_NS = 5_000_000_000
 """A log without a single stop is closed when the program has been gone this long."""
 
 
 INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
-"""What a session that goes on with a pass of an earlier daemon knows of the time between."""
+"""The break before a session that goes on with a pass of an earlier daemon."""
 
 
 class LogSink(Protocol):
-    """What a session needs of the recorder (`daq.log.recorder.Recorder`)."""
+    """The recorder as a session uses it (`daq.log.recorder.Recorder`)."""
 
     def begin(self, path: Path, header: LogHeader) -> None: ...
     def admit(self, event: Event) -> tuple[Event, ...]: ...
@@ -63,10 +65,11 @@ class LogSink(Protocol):
 
 @dataclass(slots=True)
 class Round:
-    """One survey on disk: its folder, what every log of it says in ``stepdiag.run``, and what its logs already hold.
+    """A survey on disk: its folder, the ``stepdiag.run`` of every log, and the contents of its
+    logs.
 
-    That are the stops, what was found meanwhile, and beside the logs the words of persons and of the solver. ``left`` is the last stop of
-    the survey before, at which the machine may still stand.
+    The contents are the stops, the findings, and beside the logs the words of the operator and the
+    solver. ``left`` is the last stop of the survey before, at which the machine may still stand.
     """
 
     folder: Path
@@ -81,8 +84,9 @@ class Round:
 class Session:
     """Follows the events of one survey from the first stop to the last. Everything happens in ``consume``.
 
-    ``on_outcome`` hears every finding and end as it comes about, and every stop once it is safe in the log: in the recorder's thread
-    therefore. A session that is not ``armed`` first waits for the program that runs to be left: it belongs to the survey before.
+    ``on_outcome`` receives every finding and end at once, and every stop once it is safe in the
+    log: in the recorder's thread therefore. A session that is not ``armed`` first waits for the end
+    of the running program: this belongs to the survey before.
     """
 
     def __init__(
@@ -114,10 +118,12 @@ class Session:
         self._last_setup: int | None = None
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
+        self._silent = survey.plc.silent
         self._begun = ""
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
+        self._sensed = survey.environment.source == "laser" or bool(promised(survey))
         self._listening = Listening(survey)
         self._down: set[Link] = set()
         self.capture: Capture | None = None
@@ -130,20 +136,21 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The count of the stop that was taken last, in case a daemon died before it wrote to the machine."""
+        """The count of the last stop taken, in case a daemon died before writing to the machine."""
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
-        self.book.wrong_line = next(map(line_named, filter(line_named, self.findings)), "")
+        self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
 
     def _stand_at(self, last: CapturedStop | None) -> None:
-        """Remember the end of a pass that another daemon took: the machine waits there for the word that died with it, and for no new pass.
+        """Store the end of a pass taken by another daemon: the machine waits there for the answer
+        lost with the daemon, and for no new pass.
 
-        Without a counter nobody knows whether it has stood there all the time.
+        Without a counter it is unknown whether the machine stood there all the time.
         """
         if last is None or last.stop_count is None:
             return
@@ -165,13 +172,17 @@ class Session:
 
     @property
     def strip(self) -> Strip:
-        """Return the newest readings for eyes. The samples are decoded here: a chunk that nobody looks at waits for its neighbours."""
+        """Return the newest readings for display. The samples are decoded here: a chunk that
+        nothing displays waits for its neighbours.
+        """
         self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
         return self._strip
 
     @property
     def machine_waits(self) -> bool:
-        """Tell whether the machine stands at a stop until it hears that the stop is captured."""
+        """Return whether the machine stands at a stop until the answer that the stop is
+        captured.
+        """
         return self.capture is not None and self.capture.machine_waits
 
     @property
@@ -188,16 +199,18 @@ class Session:
             self._wait(event)
             return
         capture = self.capture
-        if self.survey.plc.silent:
+        if self._silent:
             self._remember(event)  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
                 self._feed(capture, admitted)
 
     def begin(self, setup: str, at_ns: int) -> None:
-        """Begin a setup of a machine without signals, because a person says that it is going to be driven now.
+        """Begin a setup of a machine without signals, on the operator's word that the setup is
+        going to be driven now.
 
-        Raises UsageError where the machine tells it by itself, a pass is being recorded, or none of the setup is wanted.
+        Raises UsageError if the machine signals setups, a pass is being recorded, or no pass of the
+        setup is wanted.
         """
         refused = self._why_not(setup)
         if refused:
@@ -219,7 +232,9 @@ class Session:
         return "" if self.book.open_passes(setup) else message("found-all-in")
 
     def zero(self) -> None:
-        """Show the reading from here on relative to the present one; what is recorded stays as the laser says it."""
+        """Show the reading from here on relative to the present reading; the recorded reading stays
+        unchanged.
+        """
         last = self.laser_samples()
         self.shown_zero_mm = 0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
 
@@ -236,13 +251,13 @@ class Session:
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
-        """Return the survey as it stands, to go on with it."""
+        """Return the survey's present state, to go on with it."""
         return Round(
             self.folder, self.round.run, logs=self._logs, stops=tuple(self._stops), findings=tuple(self.findings), verdicts=verdicts
         )
 
     def say(self, finding: Finding) -> None:
-        """Take a finding that is not of the recording itself; it stands in the open log too, if any."""
+        """Take a finding from outside the recording; it stands in the open log too, if any."""
         self._heed(finding)
 
     def remark(self, what: Message) -> None:
@@ -287,7 +302,9 @@ class Session:
             self._heed(found)
 
     def _idle_air(self) -> StreamBuffer:
-        """Return the stream that tells of air and material between two logs, where the survey takes them from one."""
+        """Return the stream of air and material between two logs, if the survey takes them from a
+        stream.
+        """
         return self._idle.get("air", self._idle["laser"])
 
     def _decode(self, block: ModbusBlock) -> Signals:
@@ -356,8 +373,8 @@ class Session:
     def _feed(self, capture: Capture, event: Event) -> None:
         for outcome in capture.feed(event):
             self._heed(outcome)
-        if capture.signals is not None:
-            self.signals = with_air(self.survey, capture.signals, capture.air, time_of(event))
+        if capture.signals is not None and isinstance(event, ModbusBlock):
+            self.signals = with_air(self.survey, capture.signals, capture.air, event.recv_ns) if self._sensed else capture.signals
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
@@ -368,7 +385,9 @@ class Session:
             self._end_log("aborted", message("ended-without-stop"))
 
     def _go_on(self, now_ns: int, *, whole: bool) -> None:
-        """Begin the next pass of the setup that a person has begun: the program drives them one after the other."""
+        """Begin the next pass of the setup begun by the operator: the program drives the passes in
+        turn.
+        """
         self._passes_left -= 1
         if self._begun and whole and self._passes_left > 0 and self.book.open_passes(self._begun):
             since_ns = self._stops[-1].window_to_ns
@@ -409,7 +428,7 @@ class Session:
         if isinstance(outcome, Finding):
             outcome = self._of_pass(outcome)
             self.findings.append(outcome)
-            self.book.wrong_line = line_named(outcome) or self.book.wrong_line
+            self.book.wrong_line = line_to_correct(outcome) or self.book.wrong_line
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)
@@ -422,7 +441,7 @@ class Session:
             self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
-        """Return a finding of the recording with the number of the pass that it belongs to."""
+        """Return a finding of the recording with the number of its pass."""
         walk = self.capture.walk if self.capture is not None else None
         if walk is None or found.setup != walk.route.setup or found.pass_number is not None:
             return found
@@ -446,5 +465,7 @@ def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
 
 
 def _last_of_each(breaks: tuple[Break, ...]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last time nobody watched: one of each says as much as many."""
+    """Return the last loss of count and the last unwatched time: a single loss of each kind counts
+    as much as many.
+    """
     return tuple({event.watched: event for event in breaks}.values())

@@ -1,4 +1,4 @@
-"""Whether a survey is settled: every pass of it in, and nothing in it doubted that nobody has accepted."""
+"""Whether a survey is settled: every pass is in, and every doubt accepted."""
 
 from typing import Literal
 
@@ -9,10 +9,10 @@ Settlement = Literal["", "complete", "doubted"]
 
 
 class Settled:
-    """Answers for one survey after the other, and remembers who asked too early.
+    """Answers for survey after survey, and stores early questions.
 
-    While a log is open nobody knows: it may bring the stop that is doubted once more. It may also end without a pass, and then nobody else
-    would ask again.
+    While a log is open the answer is unknown: the log may bring another measurement of the doubtful
+    stop. The log may also end without a pass, and then no other event would ask again.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,6 @@
-"""Where a session's logs go without a recorder (`daq.recording.session.LogSink`): straight into files, or nowhere."""
+"""The sinks of a session's logs without a recorder (`daq.recording.session.LogSink`): straight into
+files, or nowhere.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +22,7 @@ class DirectSink:
         self._writer = LogWriter(self._file, header)
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Write an event; return it as the log keeps it."""
+        """Write an event; return it in the form of the log."""
         event = whole_us(event)
         self._writer.event(event)
         return (event,)

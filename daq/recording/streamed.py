@@ -1,8 +1,9 @@
-"""A setup that another program recorded: its series of positions goes through the session that a live laser goes through.
+"""A setup recorded by another program: its series of positions goes through the session of a live
+laser.
 
-The samples are lines as the survey's ``[laser.line]`` describes them, on a host's clock that is made from the sample's number. So the
-log, its replay, the doubts and the result are those of a laser that was recorded here, and stops are named as for a machine without
-signals (`daq.capture.by_laser`).
+The samples are lines as the survey's ``[laser.line]`` describes them, on a host's clock that is
+made from the sample's number. So the log, its replay, the doubts and the result equal those of a
+laser recorded here, and stops are named as for a machine without signals (`daq.capture.by_laser`).
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ format = "line"
 [laser.line]
 pattern = '(?P<counter>[0-9]+) (?P<position>-?[0-9.]+)'
 counter_modulus = 1000000000"""
-"""What a survey file for such lines holds, beside ``port``, ``compensated`` and ``rate_hz``."""
+"""The part of a survey file for such lines, beside ``port``, ``compensated`` and ``rate_hz``."""
 
 
 def require_such_lines(survey: Survey, source: str) -> float:
@@ -47,10 +48,12 @@ def require_such_lines(survey: Survey, source: str) -> float:
 
 
 def record_series(survey: Survey, text: str, begun: Round, setup: str, series: Series, *, at_s: float) -> tuple[CapturedStop, ...]:
-    """Record one setup from a series that began at ``at_s`` (seconds since 1970); return its stops, passes one after the other.
+    """Record a setup from a series that began at ``at_s`` (seconds since 1970); return its stops,
+    pass after pass.
 
-    Raises UsageError where the survey does not want the setup, DataError where the series does not hold every stop of every pass: nothing
-    is named then that the plan does not place; its logs stay, as those of a pass that was driven in vain.
+    Raises UsageError if the survey does not want the setup, DataError if the series lacks a stop of
+    a pass: then no stop is named that the plan does not place; its logs stay, like the logs of a
+    pass driven in vain.
     """
     taken: list[CapturedStop] = []
     session = Session(

@@ -31,17 +31,20 @@ Statuses = tuple[LinkStatus, LinkStatus, LinkStatus | None, LinkStatus | None]
 WAKE_NS = 30_000_000
 """A chunk that comes so long after the last ones were collected wakes the loop."""
 SLICE_NS = 100_000_000
-"""How long the loop works on chunks before it looks at everything else: seconds of any instrument that behaves."""
+"""Longest time in ns for which the loop works on chunks before all else: seconds of any sound
+instrument.
+"""
 MOST_WAITING_BYTES = 4_000_000
 """Chunks beyond these are lost, and reported as lost: ten seconds of the fastest line."""
 
 
 class SurveyLinks:
-    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air.
+    """Laser, machine and, if present, the 4-DOF head and the sensor of air.
 
     ``consume`` is called in the event loop, in the order of arrival.
 
-    ``on_written`` hears of what was written to the machine: why it was refused, or nothing where it took it.
+    ``on_written`` receives every register written to the machine: the reason of a refusal, or
+    nothing for success.
     """
 
     def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None) -> None:
@@ -79,8 +82,8 @@ class SurveyLinks:
     def collect(self) -> None:
         """Hand on the chunks that have arrived.
 
-        Where a line brings more than can be worked through, every other turn belongs to the machine, the page and whoever wants to end the
-        daemon: after `SLICE_NS` nothing is handed on for as long again.
+        If a line brings too much, every other turn belongs to the machine, the page and the end of
+        the daemon: after `SLICE_NS` nothing is handed on for as long again.
         """
         self._woken = False
         self._collected_ns = began_ns = now_ns()
@@ -106,7 +109,9 @@ class SurveyLinks:
             stream.hurry()
 
     def acknowledge(self, stop_count: int) -> None:
-        """Tell the machine that a stop is captured: written before the next poll, once, to the one configured register."""
+        """Report a captured stop to the machine: written before the next poll, once, to the one
+        configured register.
+        """
         place = self._survey.plc.handshake
         self._poller.write_soon(place.table, place.address, stop_count)
 
@@ -160,13 +165,15 @@ class SurveyLinks:
         return arrived
 
     def _wake(self) -> None:
-        """Have the loop collect once more, after all that waits there; from any thread, and once however often it is asked for."""
+        """Have the loop collect once more, after everything waiting there; from any thread, and
+        once for several calls.
+        """
         if not self._woken:
             self._woken = True
             self._loop.call_soon_threadsafe(self._collect_or_fail)
 
     def _collect_or_fail(self) -> None:
-        """Collect in a turn of its own, whose failure nobody would hear of: it ends `run`."""
+        """Collect in a turn of its own, whose failure would go unseen: it ends `run`."""
         try:
             self.collect()
         except Exception as fault:  # noqa: BLE001 - raised by `run`

@@ -1,7 +1,8 @@
-"""Verdicts on a survey beside its logs: of persons who accept a doubt or state the time, and of the solver without a result.
+"""Verdicts on a survey beside its logs: of an operator who accepts a doubt or states the time, and
+of the solver without a result.
 
-Three files of one JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl``. A line that a power
-failure tore is passed over: what was accepted in it is then open again.
+Three files of a JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and
+``judged.jsonl``. A line torn by a power failure is passed over: its acceptance is then open again.
 """
 
 import os
@@ -24,7 +25,7 @@ DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
 CORRECTED = "corrected.jsonl"
 WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
-"""What belongs to the logs of a survey wherever they are taken."""
+"""The files that always go with the logs of a survey."""
 LARGEST_BYTES = 4_000_000
 """More is none that persons write."""
 Line = TypeVar("Line", bound=msgspec.Struct)
@@ -33,10 +34,11 @@ _log = structlog.get_logger("verdicts")
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
-    """Why the solver came to no result that may be exported.
+    """The reason why the solver found no result fit for export.
 
-    ``stops`` is how many stops were captured when it was made (another one more, and it is out of date); ``reason`` is in words; ``doubts``
-    are what is most probably at fault, none where no pass driven again would help.
+    ``stops`` is the number of stops captured at that time (out of date after another stop);
+    ``reason`` is in words; ``doubts`` are the most probable faults, none if no repeated pass would
+    help.
     """
 
     time_s: float
@@ -56,11 +58,15 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
-        """Return after how many stops what was suspected, as a book that has no stops yet takes it."""
+        """Return the suspicions and the number of stops before each, in the form that a book
+        without stops takes.
+        """
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
     def tell(self, book: PassBook) -> Words:
-        """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
+        """Pass the verdicts to the passes of a survey; return the reason why it cannot be solved
+        although every pass is in, empty if it can.
+        """
         for word in self.accepted:
             book.accept(word)
         book.time_stated = self.dated[-1] if self.dated else None
@@ -102,13 +108,14 @@ def _require_words(**given: str) -> None:
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
-    """Return those of the open doubts that are at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass with all its stops.
+    """Return the open doubts at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass
+    with all its stops.
 
-    A finding's code, such as ``too-many-outliers``, means all doubts of that kind.
+    A finding's code, such as ``too-many-outliers``, means all doubts of that kind; a line of the survey file, all that it is the cause of.
 
-    Raises UsageError where there is none, naming those that are open.
+    Raises UsageError if there is none, naming the open doubts.
     """
-    found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code)]
+    found = [doubt for doubt in still if place and place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)]
     if not found:
         named = [message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still]
         raise UsageError(
@@ -155,7 +162,9 @@ def _back_to(path: Path, size: int | None) -> None:
 
 
 def lines_of(path: Path, kind: type[Line]) -> list[Line]:
-    """Return the lines of a file that hold what is asked for; those that were torn are passed over. None where there is no file."""
+    """Return the lines of a file that hold values of this kind; torn lines are passed over. None
+    without a file.
+    """
     if not path.is_file():
         return []
     found: list[Line] = []

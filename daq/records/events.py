@@ -1,8 +1,10 @@
-"""What enters `daq.capture.capture`, live and replayed: bytes, register blocks, and what became of the links.
+"""The events that enter `daq.capture.capture`, live and replayed: bytes, register blocks, and
+changes of the links.
 
-The order of these events is the order in which they were recorded, which is the order in which they are consumed; a
-replay hands over the same events in the same order and so gives the same result. Every time is the recording host's clock
-(`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth of the time of frozen dataclasses.)
+The order of the events is the order of recording and of consumption; a replay hands over the same
+events in the same order and so gives the same result. Every time is the recording host's clock
+(`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth
+of the time of frozen dataclasses.)
 """
 
 import re
@@ -19,7 +21,7 @@ from stepdiag.daq.records.status import LinkState
 Stream = Literal["laser", "head", "air"]
 """A stream of bytes: the laser, the 4-DOF head beside it, or the sensor of air and material."""
 Link = Literal["laser", "head", "air", "machine"]
-"""What can be connected or lost: a stream, or the machine's Modbus."""
+"""A stream, or the machine's Modbus: the parts that are connected or lost."""
 _TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
 Table = Annotated[
     str,
@@ -28,8 +30,9 @@ Table = Annotated[
         description='"coil", "discrete", "holding", "input" (Modbus), "db4900" (S7: any data block) or "B", "M", "I", "O" (LSV2)',
     ),
 ]
-"""Where a machine keeps what is read: the four Modbus tables, a data block of an S7, the memories of a TNC's PLC (B holds words and double
-words too)."""
+"""The places of readable values in a machine: the four Modbus tables, a data block of an S7, the
+memories of a TNC's PLC (B holds words and double words too).
+"""
 BIT_TABLES = ("coil", "discrete")
 REGISTER_TABLES = ("holding", "input")
 
@@ -65,11 +68,12 @@ class Chunk(msgspec.Struct, frozen=True, gc=False):
 
 
 class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
-    """One poll of the machine: what was asked and the data bytes of each answer, as on the wire.
+    """One poll of the machine: its requests and the data bytes of each answer, as on the wire.
 
-    ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]`` answers
-    ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant first, bytes are as they came; ``b""`` stands
-    for a range that was refused. (The name is older than the other ways to ask a machine, and stands in every log.)
+    ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]``
+    answers ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant
+    first, bytes are as they came; ``b""`` stands for a refused range. (The name is older than the
+    other ways to ask a machine, and stands in every log.)
     """
 
     send_ns: int
@@ -104,9 +108,11 @@ def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
 
 
 class Loss(msgspec.Struct, frozen=True, gc=False):
-    """The recorder could not follow (disk full, disk too slow): this many events before this one were not kept.
+    """The recorder could not follow (disk full, disk too slow): this many events before this event
+    were not kept.
 
-    What was not recorded is not consumed either, so that a replay sees what the live capture saw.
+    An event that was not recorded is not consumed either, so a replay sees the events of the live
+    capture.
     """
 
     time_ns: int

@@ -1,6 +1,6 @@
-"""What the daemon says of itself at any moment: one immutable snapshot, for the page, ``status`` and systemd.
+"""The state of the daemon at a moment: an immutable snapshot, for the page, ``status`` and systemd.
 
-`StatusSource` is the whole door between the daemon and those who look at it: the page knows nothing else.
+`StatusSource` is the only interface between the daemon and its viewers.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept", "certificate", "take", "correct"]
 
 
 State = Literal["open", "accepted", "past"]
@@ -22,7 +22,7 @@ State = Literal["open", "accepted", "past"]
 
 
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A link in words: ``age_s`` is the time since it last gave anything, None when it never did."""
+    """A link in words: ``age_s`` is the time since its last data, None without any."""
 
     state: LinkState
     address: Words
@@ -31,8 +31,9 @@ class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """What to drive next and what it brings, or that the survey is at its end, in words. ``setup`` is what comes next, empty at the end;
-    ``further``: the plan does not have it yet, and a person may take it."""
+    """The next pass and its gain, or the end of the survey, in words. ``setup`` is the next setup,
+    empty at the end; ``further``: the plan does not have it yet, and the operator may add it.
+    """
 
     words: Words = ""
     setup: str = ""
@@ -40,7 +41,7 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """How far one setup is."""
+    """The progress of one setup."""
 
     name: str
     passes_wanted: int
@@ -50,13 +51,14 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     state: Literal["to-do", "running", "done", "again"]
     reason: Words = ""
     doubt: Words = ""
-    """Which stops are kept although they may be off, and why."""
+    """Doubtful stops that are kept, with the reason."""
 
 
 class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A pass that is still to be driven: from which stop (0: all of it), how many stops, and how long with setting up where it has to be.
+    """A pass still to be driven: its first stop (0: the whole pass), its number of stops, and its
+    time with the setting up it needs.
 
-    ``again``: it was driven, and misses stops or is doubted.
+    ``again``: a driven pass that misses stops or is doubted.
     """
 
     setup: str
@@ -86,9 +88,10 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A finding; ``place`` is where it belongs (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: nowhere).
+    """A finding; ``place`` is its place (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: none).
 
-    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person accepted it (``word``: who, when, why), else ``past``.
+    ``state`` is ``open`` while the finding keeps its pass open, ``accepted`` where an operator
+    accepted the finding (``word``: who, when, why), else ``past``.
     """
 
     code: str
@@ -109,9 +112,11 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The newest second and a half of the laser at full rate: lowest and highest sample of every bin, None where it saw nothing.
+    """The newest second and a half of the laser at full rate: lowest and highest sample of every
+    bin, None for a bin without samples.
 
-    ``first`` numbers the first bin since the daemon began, so that a reader can put strips together and sees what it missed.
+    ``first`` numbers the first bin since the daemon began, so that a reader joins strips and finds
+    the bins it missed.
     """
 
     first: int
@@ -133,7 +138,9 @@ class WayStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """What is drawn of a survey: edges of the volume (those at the origin first), axis names and places, diagonals, route of the pass."""
+    """The drawing of a survey: edges of the volume (first the edges at the origin), axis names and
+    places, diagonals, route of the pass.
+    """
 
     edges_mm: tuple[tuple[Point, Point], ...]
     axes: tuple[tuple[str, Point], ...]
@@ -185,20 +192,26 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Mirror tilt of the pass driven last, estimated from its first steps; None before three steps of each axis."""
     tilt_setup: str = ""
     tilt_live: bool = False
-    """Whose tilt it is, and whether that pass is being driven now: between setups the mirror has been moved."""
+    """The setup of the tilt, and whether its pass is being driven now: between setups the mirror
+    has been moved.
+    """
     setups: tuple[SetupStatus, ...]
     stops: tuple[StopStatus, ...]
     """The stops of the running pass and of the pass before it in the same setup."""
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
+    corrects: tuple[str, ...] = ()
+    """The lines of the survey file that were changed since it was read: a person may have the logs read by it."""
     to_drive: tuple[DriveStatus, ...] = ()
-    """What is still to be driven, in order; ``seconds_left`` is its sum."""
+    """The passes still to be driven, in order; ``seconds_left`` is its sum."""
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int
     geometry: GeometryStatus | None = None
     counts_to: int | None = None
-    """Where the count is lost in the pass being driven: the last stop to which it still counts; None while nothing is lost."""
+    """The last stop of the pass being driven to which the count is valid; None while the count is
+    not lost.
+    """
     driven_out: bool = False
     """Whether the machine has left the last stop of the pass, which is taken in a moment: whoever takes the beam away now harms nothing."""
     strip: StripStatus | None = None
@@ -207,9 +220,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     begins: bool = False
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
     ahead: AheadStatus = AheadStatus()
-    """What to drive next, by what is solved so far."""
+    """The next pass, by the newest solution."""
     waits_in_vain: bool = False
-    """Whether the machine waits for the handshake for longer than it should; what is wrong with it stands in ``message``."""
+    """Whether the machine waits too long for the handshake; ``message`` names the reason."""
     message: Words = ""
 
 
@@ -229,7 +242,7 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StatusSource(Protocol):
-    """What the daemon offers to the page. Every method is called from the daemon's own event loop."""
+    """The daemon as the page reads it. Every method is called from the daemon's own event loop."""
 
     def snapshot(self) -> Snapshot:
         """Return the present state; cheap, called up to ten times a second however many look on."""
@@ -241,7 +254,9 @@ class StatusSource(Protocol):
         """Return result.json of the last completed survey, or None."""
 
     def folder(self) -> Path:
-        """Return the folder of the survey shown: only files that stand in it leave the machine through the page."""
+        """Return the folder of the survey shown: only files of this folder leave the machine
+        through the page.
+        """
 
     def token_guessed(self, address: str, count: int) -> None:
         """Hear that an address has sent so many wrong tokens."""

@@ -1,22 +1,28 @@
-"""What stands in the folder of one survey, by its names; loads nothing."""
+"""Names of the files in the folder of a survey; loads nothing."""
 
 from pathlib import Path
+from urllib.parse import quote
 
 RESULT = "result.json"
 READINGS = "readings.csv"
 CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
 AHEAD = "ahead.json"
-"""What to drive next, after what is driven."""
+"""The next passes, after the driven ones."""
 REFUSED = "REFUSED.txt"
 """Why there are no files for a control, in the folder where they would be."""
+
+
+def machine_folder(machine: str) -> str:
+    """Return the folder of a machine in a store of finished surveys."""
+    return f"machine={quote(machine, safe=' ')}"
 
 
 def logs_in(folder: Path) -> list[Path]:
     """Return the logs of a folder in the order of their numbers.
 
-    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was cut off (``.part``) counts while no
-    mended one stands beside it.
+    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was
+    cut off (``.part``) counts until a mended copy stands beside it.
     """
     found = {path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))}
     replaced = {name.replace(".recovered.mcap", ".mcap") for name in found if name.endswith(".recovered.mcap")}

@@ -1,4 +1,6 @@
-"""What to drive next in a survey, beside its logs: written by a process that computes, read by the daemon and by `status`."""
+"""The next passes of a survey, in a file beside its logs: written by a process that computes, read
+by the daemon and by `status`.
+"""
 
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from stepdiag.daq.records.status import AheadStatus
 from stepdiag.daq.records.survey_folder import AHEAD
 
 LARGEST_BYTES = 100_000
+"""A larger file was not written by this program."""
 
 
 def write_ahead(folder: Path, ahead: AheadStatus) -> None:

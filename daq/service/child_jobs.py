@@ -1,4 +1,6 @@
-"""What the daemon has done by child processes: a survey whose last pass is in is solved and exported, finished ones are packed."""
+"""The jobs that the daemon leaves to child processes: a survey whose last pass is in is solved and
+exported, finished surveys are packed.
+"""
 
 import asyncio
 import time
@@ -23,8 +25,9 @@ _log = structlog.get_logger("daemon")
 class Commands:
     """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
 
-    ``ahead`` is run after each setup for what to drive next, with `TAKE` for a further setup that a person takes.
-    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open, with `CERTIFICATE_ONLY` for a finished one.
+    ``ahead`` is run after each setup for the next passes, with `TAKE` for a further setup chosen by
+    the operator. ``completion`` with `READINGS_ONLY` before the folder is run for a survey that
+    stays open, with `CERTIFICATE_ONLY` for a finished survey.
     """
 
     completion: Sequence[str]
@@ -54,7 +57,7 @@ class Finisher:
         self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
-        """Hear whether the last log is closed: before that it is not read."""
+        """Take note whether the last log is closed: an open log is not read."""
         if idle:
             self._recorder_idle.set()
         else:
@@ -81,7 +84,9 @@ class Finisher:
             self._looking = self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
 
     def take(self, then: Callable[[], None]) -> None:
-        """Begin to put the further setup into the survey file; ``then`` is called when it is in it, or cannot be."""
+        """Begin to put the further setup into the survey file; ``then`` is called after success or
+        failure.
+        """
         self._begin(self._take(then), "take")
 
     def forget(self) -> None:
@@ -170,7 +175,7 @@ def _of_line(line: str) -> Words:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> bytes:
-    """Return what a child wrote on standard error, once it has ended; when cancelled, end it first."""
+    """Return the standard error of a child after its end; when cancelled, end the child first."""
     try:
         _, written = await child.communicate()
     except asyncio.CancelledError:

@@ -1,7 +1,8 @@
 """The service: links, recorder and session in one event loop, survey after survey.
 
-The recording process only records. What comes from the links goes to the session in the order of its arrival; when the last pass is in, a
-child (`daq.service.child_jobs`) runs solver and exporters on the finished logs, and the next survey can begin at once.
+The recording process only records. Events of the links go to the session in the order of their
+arrival; when the last pass is in, a child (`daq.service.child_jobs`) runs solver and exporters on
+the finished logs, and the next survey can begin at once.
 """
 
 import asyncio
@@ -23,6 +24,7 @@ from stepdiag.daq.log.recorder import Recorder, RecorderHealth
 from stepdiag.daq.log.topics import log_note
 from stepdiag.daq.passes.doubt import Doubt, places_of
 from stepdiag.daq.recording.begun import BegunWords
+from stepdiag.daq.recording.corrections import Change, Correction, compared, note_correction
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, gone_on_with, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
@@ -34,27 +36,31 @@ from stepdiag.daq.service.child_jobs import Commands, Finisher
 from stepdiag.daq.service.live import forget_live, write_live
 from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.notify import Notifier
-from stepdiag.daq.service.status_source import DaemonStatusSource, Working
+from stepdiag.daq.service.status_source import DaemonStatusSource, Working, found_now
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.survey.amended import extends
 from stepdiag.daq.survey.bundle import compensation_findings, run_record
-from stepdiag.daq.survey.file import load_survey, read_text
+from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 
 PUBLISH_S = 0.1
 """How often the snapshot is made anew."""
+LOOK_S = 0.5
+"""How often the verdicts of persons are looked for where nothing else has happened."""
 LIVE_S = 1.0
-"""How often what `status` shows of a daemon that runs is written."""
+"""Period of the file that `status` shows of a running daemon, in s."""
 _log = structlog.get_logger("daemon")
 
 
 class Daemon:
-    """Records surveys until it is stopped. ``completion`` is the command that is run with a survey's folder when its last pass is in.
+    """Records surveys until it is stopped. ``completion`` is the command run with a survey's folder
+    when its last pass is in.
 
-    ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
-    ``ahead`` is run when a setup is in: it states what to drive next. ``programs`` names the NC program of each setup of a survey, as a
-    person calls it at the control. ``status_source`` answers whoever looks on.
+    ``archiving`` is the command run with the folder of all surveys of this name and their budget in
+    GB, if any. ``ahead`` is run when a setup is in: it names the next passes. ``programs`` names
+    the NC program of each setup of a survey, by its name at the control. ``status_source`` answers
+    the page.
     """
 
     def __init__(
@@ -170,6 +176,7 @@ class Daemon:
             ),
             tally=self._tally,
             programs=self._programs(self.survey),
+            correct=self._correct,
             alarms=self._alarms,
             waits_in_vain=lambda: self._handshake is not None and bool(self._handshake.alarm),
         )
@@ -233,7 +240,9 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Say that a stop is captured, now that a killed daemon would not lose it, and let the machine go on."""
+        """Report a stop as captured, now that a killed daemon would not lose it, and let the
+        machine go on.
+        """
         self.status_source.news()
         self._tally.stops += 1
         book = self._working.session.book if self._working.session.book.stops else self._working.shown.book
@@ -269,7 +278,9 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone."""
+        """Solve a survey whose passes are all in and not doubted; report the doubts if they alone
+        keep it open.
+        """
         session = self._working.session
         settled = self._settled.of(session)
         if settled == "complete":
@@ -279,7 +290,9 @@ class Daemon:
             self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
-        """Say what is doubted, where it is still so: somebody may have accepted it meanwhile, or driven it again."""
+        """Report the doubts that still stand: they may have been accepted meanwhile, or cured by
+        another pass.
+        """
         if session is not self._working.session or session.book.doubts() != still:
             return
         places, reason = places_of(still), "; ".join(dict.fromkeys(str(doubt.words) for doubt in still))
@@ -296,7 +309,9 @@ class Daemon:
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
-        """Hear what came of a survey: one without a result stays open, and is gone on with unless another one has begun."""
+        """Take the outcome of a survey: without a result the survey stays open, and goes on unless
+        another has begun.
+        """
         working = self._working
         self.status_source.news()
         begun = working.session.recording or bool(working.session.book.passes)
@@ -325,29 +340,61 @@ class Daemon:
             self._working.finisher.look_ahead(shown.folder, self.status_source.news)
 
     def _look_at_survey(self) -> None:
-        """Go on with a survey file that has further setups, between two passes; any other change waits for the next daemon."""
+        """Go on with a survey file that has further setups, and show what another change corrects; looked at between two passes."""
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
         changed_ns = _modified_ns(self._file)
-        if changed_ns == self._changed_ns or working.session.recording or working.finisher.phase == "solving" or begun:
+        if changed_ns == self._changed_ns or working.finisher.phase == "solving" or begun:
             return
         self._changed_ns = changed_ns
         try:
             text = read_text(self._file)
+            working.corrects = tuple(map(str, self._corrections(text)))
             if text == self._text or not extends(text, self._text):
+                _log.info("survey-changed", changes=list(working.corrects))
+                self.status_source.news()
                 return
             folder = gone_on_with(working.shown.folder, text)
         except (UsageError, DataError, OSError) as refused:
             _log.warning("survey-file-not-taken", detail=str(refused))
             return
-        self._text, self.survey = text, load_survey(self._file)
+        self._go_on(text, replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder))
+        _log.info("survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder))
+
+    def _go_on(self, text: str, begun: Round) -> None:
+        """Go on with a round by another survey file."""
+        working = self._working
+        self._text, self.survey = text, parse_survey(text, self._file.name)
         working.programs = self._programs(self.survey)
-        begun_round = replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder)
-        working.session = working.shown = self._session(working.recorder, begun_round, armed=False)
+        working.session = working.shown = self._session(working.recorder, begun, armed=False)
+        working.corrects = ()
         working.finisher.forget()
         self._settled.know(working.session)
-        _log.info("survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder))
         self.status_source.news()
+
+    def _corrections(self, text: str) -> list[Change]:
+        """Return what a survey file corrects of the round shown; nothing where that is solved, or the machine has to be driven anew."""
+        changed = compared(self._text, text) or []
+        solved = self._working.finisher.result is not None or not self._working.shown.book.stops
+        return [] if solved or any(each.begins_round for each in changed) else changed
+
+    async def _correct(self, name: str) -> None:
+        """Read the logs of the round by the changed survey file. Raises UsageError while a pass is recorded, and where none is changed."""
+        working, text = self._working, read_text(self._file)
+        changed = self._corrections(text)
+        if working.session.recording or not changed:
+            found = found_now(working.session)
+            raise UsageError(message("where-correct"), expected=message("expects-changed-file"), found=found)
+        correction = Correction(time_s=time.time(), name=name, changes=tuple(map(str, changed)), survey_text=text)
+        paused, working.paused = working.paused, True  # no pass begins while the logs of those before it are read
+        try:
+            await asyncio.to_thread(note_correction, working.shown.folder, correction)
+            begun = await asyncio.to_thread(latest_round, self._folder, text, self._run_record)
+        finally:
+            working.paused = paused
+        self._go_on(text, begun)
+        _log.info("survey-corrected", changes=list(correction.changes), given_name=name, folder=str(begun.folder))
+        self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
         """Begin the setup that somebody at a terminal says is going to be driven."""
@@ -376,15 +423,20 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
+        """Make the snapshot anew, and look at the files beside the logs: the rarer, the less it disturbs arrival stamps."""
+        looked_s = 0.0
         while True:
             await asyncio.sleep(PUBLISH_S)
+            self._working.survey_links.collect()
+            self._look_at_begun()
+            if self.status_source.has_news or time.monotonic() - looked_s >= LOOK_S:
+                looked_s = time.monotonic()
+                self._announce(str(self.status_source.waits_for()))
+                self._look_at_verdicts()
             if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
                 self._write_live()
-            self._working.survey_links.collect()
-            self._announce(str(self.status_source.waits_for()))
-            self._look_at_verdicts()
-            self._look_at_begun()
-            self._look_at_survey()
+                if not self._working.session.recording:
+                    self._look_at_survey()
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:

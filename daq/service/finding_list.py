@@ -11,7 +11,7 @@ from stepdiag.daq.passes.survey_time import clock_findings
 from stepdiag.daq.records.status import FindingStatus, State
 
 SHOWN = 50
-"""The latest of those that are past."""
+"""Number of past findings shown, the newest."""
 
 
 def finding_list(book: PassBook, history: Sequence[Finding], now_s: float | None = None) -> tuple[FindingStatus, ...]:

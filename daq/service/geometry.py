@@ -1,4 +1,6 @@
-"""What is drawn of a survey: the volume's edges and axes, the ways of its setups and the route of the pass, in mm."""
+"""The drawing of a survey: the volume's edges and axes, the ways of its setups and the route of the
+pass, in mm.
+"""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -10,7 +12,7 @@ from stepdiag.daq.capture.place.route import route_of
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
 
 BEYOND = 0.06
-"""How far beyond its end the name of an axis stands, as a share of the longest side."""
+"""Distance of the name of an axis beyond the end of the axis, as a share of the longest side."""
 
 
 def geometry(plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int) -> GeometryStatus:

@@ -1,4 +1,6 @@
-"""What the daemon waits for and hears right now, beside its lock, for `status`: a small file, written anew every second while it runs."""
+"""The present state of the daemon and its links, beside its lock, for `status`: a small file,
+written anew every second.
+"""
 
 import time
 from contextlib import suppress
@@ -17,10 +19,13 @@ OLD_S = 10.0
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
 """Messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
+"""A larger file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser sent last of air and material."""
+    """The state of a daemon at a moment; ``time_s`` since 1970, ``conditions`` the newest values of air
+    and material from a sensor or the laser.
+    """
 
     time_s: float
     waits_for: Words
@@ -29,7 +34,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     plc: LinkStatus
     head: LinkStatus | None = None
     air: LinkStatus | None = None
-    told: dict[str, float] = {}
+    conditions: dict[str, float] = {}
 
     def awaits_stop_of(self, setup: str) -> bool:
         """Tell whether the daemon waits for the next stop of a setup."""
@@ -48,7 +53,7 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file: the daemon ends. A disk that refuses leaves it there, and it is old soon."""
+    """Remove the file: the daemon ends. If the disk refuses, the file stays and is old soon."""
     with suppress(OSError):
         (folder / FILE).unlink(missing_ok=True)
 

@@ -15,16 +15,18 @@ GB = 1e9
 
 @dataclass(slots=True)
 class Tally:
-    """What the daemon counts of itself since its start. ``fed_s`` is the monotonic time when every worker last was alive."""
+    """Counts of the daemon since its start. ``fed_s`` is the monotonic time when every worker last
+    was alive.
+    """
 
     stops: int = 0
     findings: dict[str, int] = field(default_factory=Counter)
     samples_before: int = 0
     """Samples recorded in surveys before the present one."""
     surveys: dict[int, int] = field(default_factory=Counter)
-    """How often the child of a finished survey ended with each exit code."""
+    """Number of ends of the child of a finished survey, by exit code."""
     solve_s: float | None = None
-    """How long the last one took."""
+    """Time of the last solution in s."""
     fed_s: float = field(default_factory=time.monotonic)
 
 

@@ -1,11 +1,13 @@
-"""Word to systemd (sd_notify(3)): ready, what the daemon is doing, and that it is alive. Silent where nobody listens."""
+"""Notices to systemd (sd_notify(3)): ready, the daemon's work, and its life. Silent without a
+listener.
+"""
 
 import os
 import socket
 
 
 class Notifier:
-    """Sends datagrams to the socket that systemd names in NOTIFY_SOCKET; does nothing without one."""
+    """Sends datagrams to the socket of NOTIFY_SOCKET; does nothing without this variable."""
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
@@ -29,7 +31,7 @@ class Notifier:
             self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Feed the watchdog. Call it only after every worker has shown that it lives."""
+        """Feed the watchdog. Call it only after every worker has shown its life."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:

@@ -1,4 +1,6 @@
-"""How a process that computes stands back for the one that records. Loads nothing: it must be called before numpy is."""
+"""Low priority of a computing process beside the recording process. Loads nothing: it must be
+called before numpy is.
+"""
 
 import os
 from contextlib import suppress

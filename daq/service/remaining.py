@@ -1,4 +1,4 @@
-"""What is still to be driven: which passes, in which order, from which stop, and how long it takes with setting up."""
+"""The passes still to be driven: their order, their first stop, and their time with setting up."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -27,17 +27,20 @@ LONGEST_DWELL = 20.0
 
 
 def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveStatus, ...]:
-    """Return the passes of the plan that are open, in the order of driving; empty where every pass is in and nothing is doubted.
+    """Return the open passes of the plan, in the order of driving; empty if every pass is in and
+    nothing is doubted.
 
     A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured pace (as planned before there is one);
-    the first pass of a setup that does not stand has the setting up in it. ``running`` is the setup that the machine drives now.
+    the first pass of a setup that does not stand has the setting up in it, as long as those before took. ``running`` is the setup that the
+    machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
+    planned = own_minutes(survey, (stop for each in book.passes for stop in each.chosen().values()))
     order = [name for name in dict.fromkeys((running, book.next_setup(), *plan.all_setups)) if name]
     drives: list[DriveStatus] = []
     for name in order:
-        stop_s, setting_up_s = _pace(survey, book, name)
+        stop_s, setting_up_s = _pace(planned, book, name)
         setting_up_s = 0.0 if name == standing and not drives else setting_up_s
         for number in book.open_passes(name):
             drive = _drive(survey, book, name, number, running=name == running)
@@ -47,9 +50,10 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
 
 
 def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
-    """Return the plan with the minutes of setting up that stops of a survey show, by kind: from the last stop before to the first of it.
+    """Return the plan with the minutes of setting up measured in a survey, by kind: from the last
+    stop before a setup to its first stop.
 
-    What took so many times longer than planned (`LONGEST_SETTING_UP`) was an interruption.
+    A time longer than planned by the factor `LONGEST_SETTING_UP` was an interruption.
     """
     plan, found = survey.planned, dict[str, list[float]]()
     for before, first in pairwise(sorted(stops, key=lambda stop: stop.time_s)):
@@ -64,7 +68,9 @@ def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
 
 
 def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: bool) -> DriveStatus:
-    """Return an open pass without its minutes; a pass that the machine drives now goes on where it is, and may still become whole."""
+    """Return an open pass without its minutes; a running pass goes on at its place, and may still
+    become whole.
+    """
     stops = len(route_of(survey.planned, setup, number))
     begun = next((each for each in book.of(setup) if each.number == number), None)
     if begun is None:
@@ -78,7 +84,7 @@ def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: 
 
 
 def _following(begun: Pass) -> int | None:
-    """Return the stop that follows those measured; None where the pass has a hole before it."""
+    """Return the stop after the measured stops; None if the pass has a hole before it."""
     last = max(begun.measured, default=-1)
     return None if begun.missing and begun.missing[0] <= last else last + 1
 
@@ -94,9 +100,9 @@ def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> Dri
     )
 
 
-def _pace(survey: Survey, book: PassBook, setup: str) -> tuple[float, float]:
+def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop and those of setting up."""
-    planned, setting_up = _times(survey.planned, setup)
+    planned, setting_up = _times(plan, setup)
     measured = _measured_pace_s(book)
     return (planned if measured is None or measured >= LONGEST_DWELL * planned else measured), setting_up
 

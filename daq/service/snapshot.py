@@ -103,7 +103,9 @@ def _expected_pass(session: Session, setup: str) -> int:
 
 
 def expected_stop(session: Session) -> tuple[str, int, int, str]:
-    """Return the setup that is awaited, its next stop, the stops of a pass, and the axis that moves to that stop."""
+    """Return the awaited setup, its next stop, the stops of a pass, and the axis that moves to the
+    next stop.
+    """
     walk = session.capture.walk if session.capture is not None else None
     if walk is not None and not walk.ended:
         return walk.route.setup, walk.expected, len(walk.route), walk.route.axis_to(walk.expected)
@@ -114,7 +116,9 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
 
 
 def setup_statuses(survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = "") -> tuple[SetupStatus, ...]:
-    """Return how far each setup of the plan is, by what is still to be driven of it, and why a pass must be driven again."""
+    """Return the progress of each setup of the plan, by its passes still to be driven, and the
+    reason to repeat a pass.
+    """
     names = survey.plan.all_setups
     return tuple(_setup_status(survey, book, name, [each for each in drives if each.setup == name], name == running) for name in names)
 

@@ -1,8 +1,10 @@
-"""The daemon's side of the page's door (`daq.records.status.StatusSource`): what it says of itself, and what a person may tell it."""
+"""The daemon's side of the page's interface (`daq.records.status.StatusSource`): its state, and the
+operator's commands.
+"""
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,12 +29,19 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
+"""Characters of an argument: names and reasons stand in one line of the page and the log."""
 _log = structlog.get_logger("daemon")
+
+
+async def _nothing_to_correct(_name: str) -> None:
+    raise UsageError(message("where-correct"), expected=message("expects-changed-file"), found=message("none"))
 
 
 @dataclass(slots=True, kw_only=True)
 class Working:
-    """What the daemon works with. ``session`` records; ``shown`` is the survey that people see: the finished one until the next begins."""
+    """The parts of the running daemon. ``session`` records; ``shown`` is the survey on the page:
+    the finished survey until the next begins.
+    """
 
     session: Session
     shown: Session
@@ -44,6 +53,10 @@ class Working:
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
     """What a person must see at once, in words."""
+    corrects: tuple[str, ...] = ()
+    """The lines of the survey file that were changed since it was read, where the passes stay those that were driven."""
+    correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
+    """Reads the logs by the changed file, in the name of a person. Raises UsageError where that is not possible now."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
     paused: bool = False
@@ -64,6 +77,11 @@ class DaemonStatusSource:
     def news(self) -> None:
         """Take note that something has changed."""
         self._sequence += 1
+
+    @property
+    def has_news(self) -> bool:
+        """Tell whether something has changed since the last tick."""
+        return self._sequence != self._published
 
     async def publish(self) -> None:
         """Make a new snapshot due, and wake who waits for it."""
@@ -108,7 +126,9 @@ class DaemonStatusSource:
         """Return what `status` shows of a daemon that runs."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
-        return LiveStatus(time_s=time.time(), **words, told=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air)
+        return LiveStatus(
+            time_s=time.time(), **words, conditions=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air
+        )
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""
@@ -123,7 +143,7 @@ class DaemonStatusSource:
             waits_in_vain=working.waits_in_vain(),
             notice=_message(working),
         )
-        return msgspec.structs.replace(shown, ahead=working.finisher.ahead)
+        return msgspec.structs.replace(shown, ahead=working.finisher.ahead, corrects=working.corrects)
 
     def figures(self) -> Figures:
         """Return what the daemon counts and measures of itself, now."""
@@ -162,7 +182,9 @@ class DaemonStatusSource:
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
-        """Note a person's word for what is doubted at a place; the daemon hears of it as of one entered at a terminal."""
+        """Note the operator's acceptance of the doubts at a place; the daemon handles it like an
+        acceptance entered at a terminal.
+        """
         doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
         given = {name: arguments.get(name, "") for name in ("reason", "name")}
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
@@ -177,8 +199,7 @@ class DaemonStatusSource:
         """Have the further setup put into the survey. Raises UsageError where there is none, or a pass is being recorded."""
         session = working.session
         if session.recording or not working.finisher.ahead.further:
-            found = message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
-            raise UsageError(message("where-take"), expected=message("expects-further"), found=found)
+            raise UsageError(message("where-take"), expected=message("expects-further"), found=found_now(session))
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
@@ -202,13 +223,18 @@ class DaemonStatusSource:
                 session.zero()
             case "certificate":
                 self._certify(working.finisher)
-            case "accept":
-                await self._accept(session, arguments)
             case "take":
                 self._take(working)
+            case "accept" | "correct":
+                await (self._accept(session, arguments) if name == "accept" else working.correct(_line("name", arguments.get("name", ""))))
             case "name":
                 session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def found_now(session: Session) -> Message:
+    """Return what hinders an order between two passes: the pass being recorded, or nothing to do."""
+    return message("found-being-recorded", name=session.book.next_setup()) if session.recording else message("none")
 
 
 def _start(working: Working) -> None:
@@ -228,6 +254,8 @@ def _idle(session: Session, setup: str) -> Message:
     """Return what is waited for while nothing is being recorded."""
     if session.unsolved:
         return message("waits-unsolved", why=session.unsolved)
+    if session.book.wrong_line:
+        return message("waits-corrected", line=session.book.wrong_line)
     if session.book.whole() and setup:
         return message("waits-doubted", places=places_of(session.book.doubts()), setup=setup)
     if session.survey.plc.silent and setup:
@@ -246,7 +274,7 @@ def _of_service(working: Working) -> Words:
 
 
 def _refused(recorder: Recorder) -> Words:
-    """Return that the disk refuses; empty while it does not."""
+    """Return the message of a refusing disk; empty otherwise."""
     health = recorder.health
     return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""
 

@@ -13,17 +13,18 @@ from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.timing.host_clock import ClockWatch
 
 LOOK_S = 1.0
-"""How often everything is looked at, more often where systemd's watchdog wants it."""
+"""Period of the checks in s, shorter if systemd's watchdog needs it."""
 STOOD_S = 2.0
 """Looks that lie so much further apart than they should: this process, or the whole computer, stood still."""
 _log = structlog.get_logger("daemon")
 
 
 class Supervisor:
-    """Feeds the watchdog while nothing is dead.
+    """Feeds the watchdog while no worker is dead.
 
-    ``dead`` returns the workers that are, each with what is known of its end; ``remark`` leaves a line for a person in the open log.
-    ``require_folder`` raises DeviceError where the survey's folder is gone.
+    ``dead`` returns the dead workers, each with the known reason of its end; ``remark`` leaves a
+    line for a person in the open log. ``require_folder`` raises DeviceError if the survey's folder
+    is gone.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class Supervisor:
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
-        """Say what a person needs to understand the stamps of the open log: it goes into that log too."""
+        """Report the facts behind the stamps of the open log: they go into the log too."""
         look = self._clocks.look()
         if look.set_by_s:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))

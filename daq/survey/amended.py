@@ -1,4 +1,4 @@
-"""A survey file with another plan in it: what a person wrote around it stays as it is."""
+"""A survey file with another plan: the operator's own text around the plan stays unchanged."""
 
 import json
 import re
@@ -21,10 +21,11 @@ _NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
-    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes and shifted beams, and ``[volume]`` has these
+    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and shifts, and ``[volume]`` has these
     ``increments`` where they are given; all else is untouched.
 
-    Raises UsageError where the survey does not hold such a plan (a run of a head that it has not), or writes its plan in another form.
+    Raises UsageError if the survey cannot hold such a plan (a run of a head that it lacks), or
+    writes its plan in another form.
     """
     lines = text.splitlines(keepends=True)
     if lines and not lines[-1].endswith("\n"):
@@ -50,7 +51,9 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
 
 
 def extends(text: str, recorded: str) -> bool:
-    """Tell whether a survey file is that of a log, perhaps with further setups: those of the log are driven and coded as before."""
+    """Return whether a survey file is that of a log, perhaps with further setups: the log's setups
+    are driven and coded as before.
+    """
     if text == recorded:
         return True
     try:
@@ -61,7 +64,9 @@ def extends(text: str, recorded: str) -> bool:
 
 
 def without_further(new: Survey, old: Survey) -> Survey:
-    """Return a survey without its further setups, where it drives and codes those of an old one as before; else as it is."""
+    """Return a survey without its further setups, if it drives and codes the setups of an old
+    survey as before; else unchanged.
+    """
     names, before = new.plan.all_setups, old.plan.all_setups
     plan = msgspec.structs.replace(new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset)
     further = len(names) > len(before) and all(
@@ -71,9 +76,11 @@ def without_further(new: Survey, old: Survey) -> Survey:
 
 
 def as_proof(text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof) -> str:
-    """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that were loaded on a ``day`` as ``active``.
+    """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that
+    were loaded on a ``day`` as ``active``.
 
-    What measures stays as it is; exports, angles and the 4-DOF head are left out. Raises as `with_plan`.
+    The instruments stay unchanged; exports, angles and the 4-DOF head are left out. Raises as
+    `with_plan`.
     """
     settings: dict[str, Mapping[str, object]] = {
         "[survey]": {"name": name},
@@ -123,7 +130,9 @@ def _finer(block: Sequence[str], increments: int | None) -> list[str]:
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:
-    """Return the section with each setting in the place of the old one, new ones right below the header, shifted beams at its end."""
+    """Return the section with new settings in place of the old, added settings right below the
+    header, shifted beams at its end.
+    """
     settings, made, inside = _settings(plan), list[str](), False
     for line in block:
         key = line.partition("=")[0].strip()
@@ -154,4 +163,5 @@ def _settings(plan: Plan) -> dict[str, str]:
         "return_pass": f"return_pass = {str(plan.return_pass).lower()}\n",
         "repeats": f"repeats = {plan.repeats}\n",
         "axis_orders": f"axis_orders = {json.dumps(plan.axis_orders)}\n",
+        "dwell_s": f"dwell_s = {plan.dwell_s}\n",
     }

@@ -1,4 +1,6 @@
-"""What the user takes for granted about machine, laser and hall, from the ``[uncertainty]`` of a survey file."""
+"""The user's assumptions about machine, laser and hall, from the ``[uncertainty]`` of a survey
+file.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -17,7 +19,9 @@ VACUUM_WAVELENGTH_NM = 633.0
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
-    """Return the assumptions of a survey; lengths that it brings to 20 C carry what is uncertain about the material's temperature."""
+    """Return the assumptions of a survey; lengths reduced to 20 C carry the uncertainty of the
+    material's temperature.
+    """
     machine = survey.machine
     warm = survey.environment.material_temperature_c
     return replace(
@@ -29,9 +33,10 @@ def assumptions_of(survey: Survey) -> Assumptions:
 
 
 def parse_uncertainty(text: str, source: str) -> Assumptions:
-    """Return the assumptions that a TOML text states under ``[uncertainty]``, as in a survey file; what it does not name is usual.
+    """Return the assumptions that a TOML text states under ``[uncertainty]``, as in a survey file;
+    the rest is usual.
 
-    Raises UsageError for unknown names and values that nothing has.
+    Raises UsageError for unknown names and impossible values.
     """
     document = read_toml(text, source)
     if "uncertainty" not in document:
@@ -79,7 +84,9 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
 
 
 def _sizes(section: Uncertainty) -> dict[str, Any]:
-    """Return the machine's sizes by their names in `Assumptions`: each as the section states it, else as usual in its class."""
+    """Return the machine's sizes by their names in `Assumptions`: as stated in the section, else as
+    usual in its class.
+    """
     stated = msgspec.structs.asdict(section)
     usual = usual_sizes(section.machine_class, section.feedback)
     return {name: size if stated[name] is None else stated[name] for name, size in usual.items()}

@@ -22,9 +22,10 @@ MAX_BUNDLE_BYTES = 32_000_000
 
 
 def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
-    """Return the files that a survey names, by the names it uses; tables named by a profile as ``profile//table``.
+    """Return the files named by a survey, by the survey's names; tables named by a profile as
+    ``profile//table``.
 
-    Raises UsageError for a file that cannot be read or is too large to be one.
+    Raises UsageError for a file that is unreadable or too large.
     """
     here = survey_file.parent
     profiles = [export.profile for export in survey.exports]
@@ -59,7 +60,9 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
 
 
 def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files that were active while measuring, by name. Raises DataError for a bundle without one that the survey names."""
+    """Return the files that were active while measuring, by name. Raises DataError for a bundle
+    that lacks a file of the survey.
+    """
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
         raise DataError(missing[0], expected=message("named-in-log"), found=message("nothing"))
@@ -94,7 +97,9 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
 
 
 def _tables_of(profile: bytes) -> list[str]:
-    """Return the table files that a profile names; a profile that is no TOML is refused later, with its line."""
+    """Return the table files named by a profile; a profile that is not TOML is refused later, with
+    its line.
+    """
     try:
         machine = read_toml(as_text(profile, "profile", UsageError), "profile").get("machine", {})
     except UsageError:
@@ -104,7 +109,7 @@ def _tables_of(profile: bytes) -> list[str]:
 
 
 def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
-    """Refuse a bundle that would make a log that nobody can read."""
+    """Refuse a bundle that would make an unreadable log."""
     size = sum(map(len, bundle.values()))
     if size > MAX_BUNDLE_BYTES:
         raise UsageError(source, expected=message("at-most-bytes-all", max_bundle_bytes=MAX_BUNDLE_BYTES), found=str(size))
@@ -115,6 +120,8 @@ def _read(path: Path, source: str) -> bytes:
 
 
 def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
-    """Return what every log of a survey holds of it in ``stepdiag.run``: whether a compensation is active, and the files that it names."""
+    """Return the part of a survey that every log of it holds in ``stepdiag.run``: whether a
+    compensation is active, and the survey's files.
+    """
     bundle = read_bundle(survey_file, survey)
     return {"compensation": compensation_of(survey, bundle).words(), **bundle_to_run(bundle)}

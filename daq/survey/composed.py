@@ -1,4 +1,6 @@
-"""The template with a first survey's answers in it: what a person would have typed, everything else with its remarks as it was."""
+"""The template with a first survey's answers, as if typed; everything else with its remarks
+unchanged.
+"""
 
 import json
 import re
@@ -18,12 +20,15 @@ _ADVISED = ('axis_orders = ["xyz", "yzx", "zxy"]', "targets = 40")
 LEAST, USUAL, MOST = 8, 10, 20
 """Numbers of increments that a new survey may have."""
 _ROUNDING_MM = 1e-6
+"""Rounding of a quotient of lengths, not a deviation from whole micrometres."""
 _SILENT = 'transport = "none"\n'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineClass:
-    """The class of a machine for ``[uncertainty]``: one of `CLASSES`, its feedback one of `FEEDBACKS`, the pitch of its screws in mm."""
+    """The class of a machine for ``[uncertainty]``: an entry of `CLASSES`, its feedback from
+    `FEEDBACKS`, the pitch of its screws in mm.
+    """
 
     name: str = "ordinary"
     feedback: str = "screw"
@@ -59,7 +64,7 @@ class Answers:
 
 
 def composed(answers: Answers, source: str) -> str:
-    """Return the survey file. Raises UsageError, as reading it would, where an answer is none that a survey can have."""
+    """Return the survey file. Raises UsageError, like the reader, for an impossible answer."""
     text = _advised()
     for section, key, value in _settings(answers):
         text = _set(text, section, key, value)
@@ -71,7 +76,9 @@ def composed(answers: Answers, source: str) -> str:
 
 
 def begun(usual: MachineClass, source: str) -> str:
-    """Return the template with a class of machine. Raises UsageError, as reading it would, for a value that a survey cannot have."""
+    """Return the template with a class of machine. Raises UsageError, like the reader, for an
+    impossible value.
+    """
     text = _advised()
     for section, key, value in usual.settings():
         text = _set(text, section, key, value)

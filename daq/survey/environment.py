@@ -5,14 +5,15 @@ from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment
 
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
-"""What the refractive index is computed from."""
+"""The quantities behind the refractive index."""
 NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:
     """Return the conditions that a TOML text states, by name: under ``[environment]``, as in a survey file, or alone.
 
-    What it does not name stays as it was recorded. Raises UsageError for unknown names, values that no hall has, or none at all.
+    A condition that it does not name stays as recorded. Raises UsageError for unknown names,
+    impossible values, or an empty text.
     """
     document = read_toml(text, source)
     table = document.get("environment", document)

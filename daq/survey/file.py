@@ -25,8 +25,9 @@ __all__ = ["StopRules", "Survey", "head_decoder", "laser_decoder", "load_survey"
 def load_survey(path: Path) -> Survey:
     """Return the survey of a file.
 
-    Raises UsageError when it cannot be read, is not TOML in UTF-8, breaks a rule, or names a file that does not exist; DataError for the
-    calibration of another head: better before the survey than after it.
+    Raises UsageError when the file is unreadable, is not TOML in UTF-8, breaks a rule, or names a
+    file that does not exist; DataError for the calibration of another head: better before the
+    survey than after.
     """
     survey = parse_survey(read_text(path), str(path.name))
     if survey.page.token:

@@ -22,7 +22,9 @@ from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, Li
 from stepdiag.daq.timing.samples import Decoder
 
 LASER_TELLS = {"ids3010": AIR, "lasertex": NAMES}
-"""What the own sensors of a laser tell where it has them: the IDS3010's environmental unit, Lasertex' wireless ones."""
+"""The quantities of a laser's own sensors: the IDS3010's environmental unit, Lasertex' wireless
+sensors.
+"""
 
 
 def laser_decoder(survey: Survey) -> Decoder:
@@ -125,8 +127,8 @@ def head_settings(head: Head) -> FormatSettings:
 
 
 def promised(survey: Survey) -> tuple[str, ...]:
-    """Return the conditions that the survey takes from a sensor or from the laser: those of the sensor's pattern, or those that a laser of
-    this kind tells and the machine does not.
+    """Return the conditions that the survey takes from a sensor or from the laser: by the sensor's
+    pattern, or by the kind of the laser except conditions from the machine.
     """
     if survey.air_sensor is not None:
         return quantities_in(air_pattern(survey.air_sensor))

@@ -1,7 +1,9 @@
-"""The calibration file of a 4-DOF head (TOML): who it belongs to, when it was made, curves, signs, lever and their uncertainty.
+"""The calibration file of a 4-DOF head (TOML): its head, date, curves, signs, lever and their
+uncertainty.
 
-It travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves would give numbers that look right. A
-calibrated field is absent until a command measured it, and `require_measured` names the command that is next.
+The file travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves
+would give plausible but wrong numbers. A calibrated field is absent until a command measured it,
+and `require_measured` names the next command.
 """
 
 import datetime as dt
@@ -94,7 +96,7 @@ class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """What measured a field, and on which day."""
+    """The method that measured a field, and its day."""
 
     by: Text
     on: Day
@@ -117,7 +119,9 @@ class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """Whose file it is. Focal lengths are needed for the angles; a single quadrant detector has none."""
+    """The head of the file. Focal lengths are needed for the angles; a single quadrant detector has
+    none.
+    """
 
     id: Text
     format: Literal["fourdof", "tqd"]
@@ -129,7 +133,9 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file. One of version 1 does not state how its fields were measured; what it leaves out, no curve, is ideal."""
+    """The whole file. A file of version 1 does not state the method behind its fields; a missing
+    field, but a curve, is taken for ideal.
+    """
 
     head: HeadIdentity
     lever: LeverTable | None = None
@@ -152,7 +158,7 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return table
 
     def with_axis(self, detector: DetectorName, axis: AxisName, table: AxisTable) -> "HeadFile":
-        """Return the file with one axis of one detector replaced."""
+        """Return the file with an axis of a detector replaced."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
 
@@ -162,13 +168,15 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
-        """Return those of the fields that nothing has measured yet; of a file of version 1 the curves alone."""
+        """Return the fields not measured yet; of a file of version 1 the curves alone."""
         tables = msgspec.to_builtins(self)
         return [name for name in names if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)]
 
 
 def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:
-    """Raise DataError that names the fields that nothing has measured yet (None: all that the head needs) and the next command."""
+    """Raise DataError that names the fields not measured yet (None: every field that the head
+    needs) and the next command.
+    """
     needed = names or (QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED)
     if absent := file.absent(needed):
         raise DataError(
@@ -231,7 +239,9 @@ def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
 
 
 def render_head_file(file: HeadFile) -> str:
-    """Return the file as text (TOML, LF): the same bytes for the same calibration. Raises UsageError for one that its reader refuses."""
+    """Return the file as text (TOML, LF): the same bytes for the same calibration. Raises
+    UsageError for a file that its reader refuses.
+    """
     lines = ["# Calibration of a 4-DOF head (docs/fourdof.md). Curves: shift of the spot in um over difference / sum.", ""]
     lines += _table("head", file.head)
     lines += _table("lever", file.lever)

@@ -1,7 +1,8 @@
-"""The survey file as values: one struct a section, each field with its unit in its name, its limits in its type.
+"""The survey file as values: a struct per section, each field with its unit in its name, its limits
+in its type.
 
-What each field means to a person stands in `daq.survey.template`, the commented file that ``stepdiag init`` writes. Checks
-that need more than one field stand in `daq.survey.rules`.
+The meaning of every field stands in `daq.survey.template`, the commented file that ``stepdiag
+init`` writes. Checks of more than one field stand in `daq.survey.rules`.
 """
 
 from collections.abc import Mapping
@@ -31,7 +32,7 @@ Line = Annotated[
     str,
     Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one-line-of-text"),
 ]
-"""What a report says in a line of its own cannot become several."""
+"""A text that the report shows in a single line cannot become several lines."""
 Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
 Rotation = Literal["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ"]
 Port = Annotated[int, Meta(ge=1, le=65535)]
@@ -57,6 +58,7 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     directory: str = "."
     temperature_note: Line = ""
     event: Line = ""
+    archive: Line = ""
 
 
 AxisOrder = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
@@ -92,7 +94,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def offsets_mm(self) -> dict[str, Triple]:
-        """Return by name how far each setup lies from its usual line; those of one travel are named ``ppp+1``, ``ppp+2`` in their order."""
+        """Return by name the offset of each setup from its usual line; setups along the same travel
+        are named ``ppp+1``, ``ppp+2`` in their order.
+        """
         named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
         for offset in self.beam_offset:
@@ -248,7 +252,7 @@ MachineDirection = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class HeadRun(msgspec.Struct, frozen=True, kw_only=True):
-    """How the head stands for a run along one axis."""
+    """The attitude of the head for a run along an axis."""
 
     beam: MachineDirection
     detector_x: MachineDirection
@@ -272,7 +276,9 @@ class Head(SerialSection, frozen=True, kw_only=True):
 
     @property
     def angular(self) -> bool:
-        """Tell whether it is an autocollimator or a level: it tells rotations, without a calibration file."""
+        """Return whether the head is an autocollimator or a level: it measures rotations, without a
+        calibration file.
+        """
         return self.format in ("elcomat", "wyler")
 
     def run_along(self, axis: str) -> HeadRun:
@@ -335,7 +341,9 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return {name: self.expression(name, source) for name in self.expressions}
 
     def expression(self, name: str, source: str) -> Expression:
-        """Return the expression of a signal. Raises UsageError that points at the character where it cannot go on."""
+        """Return the expression of a signal. Raises UsageError that points at the first character
+        not understood.
+        """
         kinds: dict[str, Kind] = {each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()}
         return parse_expression(self.expressions[name], kinds, f"{source}: plc.expressions.{name}")
 
@@ -384,9 +392,10 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.base.conditions.assumptions`.
+    """The user's assumptions (k = 1 unless a range or a limit is named); the meaning stands in
+    `stepdiag.base.conditions.assumptions`.
 
-    A size of the machine that is None is the usual one of ``machine_class`` and ``feedback``.
+    A size of the machine that is None is usual for ``machine_class`` and ``feedback``.
     """
 
     machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
@@ -440,7 +449,9 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """What a proof run is held against; the files that were loaded stand in `Machine.active`. Without ``profile`` the export had none."""
+    """The claims tested by a proof run; the loaded files stand in `Machine.active`. Without
+    ``profile`` the export had none.
+    """
 
     controller: FileName
     result: Text
@@ -462,7 +473,9 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
-    """What the first page of the report says of customer, machine and instruments; an empty entry is "not stated" there."""
+    """Customer, machine and instruments on the first page of the report; an empty entry is "not
+    stated" there.
+    """
 
     customer: str = ""
     machine_serial: str = ""

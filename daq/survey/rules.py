@@ -1,4 +1,4 @@
-"""What a survey file must fulfil beyond the limits of its single fields."""
+"""The rules of a survey file beyond the limits of its single fields."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -332,7 +332,9 @@ def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
 
 
 def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
-    """Judge whether the control's protocol reaches a table, and whether the number is read as that control keeps it."""
+    """Check whether the control's protocol reaches a table, and whether the number has the
+    control's type.
+    """
     wanted, words = _TABLES[plc.transport]
     if not wanted.match(spec.table):
         yield refuse(source, f"{field}.table", words, spec.table)
@@ -343,7 +345,9 @@ def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[
 
 
 def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
-    """What tells of one moment has to be asked for at once: as much as the smallest telegram of an S7 holds (PDU of 240 bytes)."""
+    """The signals of one moment must fit into one request: the smallest telegram of an S7 (PDU of
+    240 bytes).
+    """
     ranges = plan_reads(plc.signals, ())
     asked, answered = 14 + 12 * len(ranges), 14 + sum(5 + each.byte_count for each in ranges)
     if max(asked, answered) > _S7_PDU:
@@ -399,10 +403,14 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
         yield refuse(source, "plc.timeout_s", message("more-than-ms-one", value=wire_s * 1000.0), plc.timeout_s)
 
 
+def least_dwell_s(survey: Survey) -> float:
+    """Return how long the machine stands at least: a stop is certain only between the first and the last poll that saw it, so that dwell >
+    settle + window + 2 polls (instruments.md 4.2)."""
+    return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz
+
+
 def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
-    """A stop is certain only between the first and the last poll that saw it: dwell > settle + window + 2 polls (instruments.md 4.2)."""
-    poll_s = 1.0 / survey.plc.poll_hz
-    needed = survey.stop.settle_s + survey.stop.min_window_s + 2.0 * poll_s
+    needed, poll_s = least_dwell_s(survey), 1.0 / survey.plc.poll_hz
     if survey.plan.dwell_s < needed:
         parts = {"settle_s": survey.stop.settle_s, "window_s": survey.stop.min_window_s, "poll_s": poll_s}
         yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, **parts), survey.plan.dwell_s)

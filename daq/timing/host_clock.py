@@ -1,8 +1,9 @@
 """The clock of this computer that stamps everything, and the time of day beside it.
 
-Stamps are CLOCK_BOOTTIME: nobody can set it, and unlike CLOCK_MONOTONIC it goes on while the computer sleeps (clock_gettime(2)). So a
-computer that slept and a process that was stopped leave the same trace in a log: time without samples. The time of day is an offset,
-written beside the stamps and never into them.
+Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC it goes on while the
+computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave the same
+trace in a log: time without samples. The time of day is an offset, written beside the stamps and
+never into them.
 """
 
 import time
@@ -33,8 +34,8 @@ def wall_offset_ns() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What happened between two looks: by how much the time of day was set (0: it was not), how long they lay apart, and how much of
-    that the computer slept.
+    """Events between two looks: the change of the time of day (0: not set), the time between the
+    looks, and the computer's sleep in this time.
     """
 
     set_by_s: float

@@ -62,9 +62,9 @@ def _turns_up(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c:
 class SampleClock:
     """The clock of one segment of a stream: no gap of unknown length, no change of rate.
 
-    ``rate_hz`` is what the instrument or its data sheet says (None: unknown), used while the arrivals do not contradict it; ``latency_s``
-    is the known delay inside the instrument; ``gaps_visible`` that a lost sample is counted. Where it is not, the clock watches for
-    silent skips.
+    ``rate_hz`` is the rate by the instrument or its data sheet (None: unknown), used while the
+    arrivals do not contradict it; ``latency_s`` is the known delay inside the instrument;
+    ``gaps_visible``: a lost sample is counted. Otherwise the clock watches for silent skips.
     """
 
     def __init__(self, rate_hz: float | None, latency_s: float = 0.0, *, gaps_visible: bool = True) -> None:
@@ -127,9 +127,11 @@ class SampleClock:
         return Line(origin_counter, origin_ns + offset - self._latency_ns, slope)
 
     def _skipped(self) -> bool:
-        """Tell whether the last two seconds are all late by most of a sample, and if so keep only them.
+        """Return whether the last two seconds are all late by most of a sample, and if so keep only
+        them.
 
-        An instrument that drops a sample without counting it makes every later sample late by one period.
+        An instrument that drops a sample without counting makes every later sample late by one
+        period.
         """
         if self._gaps_visible or self._period_ns is None or len(self._points) < 3 * SKIP_BINS:
             return False

@@ -1,7 +1,7 @@
-"""What every wire format hands over: samples in columns, and remarks about the stream.
+"""The output of every wire format: samples in columns, and remarks about the stream.
 
-Columns, not objects: a decoder works on blocks of lines and the synchroniser on arrays, which is what lets one core
-follow a hundred thousand samples a second.
+Columns, not objects: a decoder works on blocks of lines and the synchroniser on arrays, so that a
+core follows a hundred thousand samples a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ NoticeCode = Literal["banner", "debug", "garbage", "gap", "rate", "restart", "de
 
 
 class Flag(IntFlag):
-    """What is wrong with a sample; 0 is a good one."""
+    """Faults of a sample; 0 is a good sample."""
 
     BEAM_LOST = 1
     HEAD_ERROR = 2
@@ -47,7 +47,7 @@ class Notice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Samples:
-    """A batch of samples, one row each; every column has shape (count,).
+    """A batch of samples, a row each; every column has shape (count,).
 
     ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A polled instrument
     has no counter: the host numbers the answers. ``position_mm`` grows as configured by the laser's sign and is NaN where there
@@ -99,13 +99,16 @@ class Decoder(Protocol):
 
 @runtime_checkable
 class SteadyDecoder(Decoder, Protocol):
-    """A decoder that takes many chunks in little more time than one, as long as nothing but plain samples is in them."""
+    """A decoder that takes many chunks in little more time than a single chunk, as long as they
+    hold only plain samples.
+    """
 
     def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
-        """Return the samples that the chunks (bytes, arrival in ns) complete, each stamped with the arrival of its own chunk.
+        """Return the samples that the chunks (bytes, arrival in ns) complete, each stamped with the
+        arrival of its own chunk.
 
-        None, and nothing taken, unless they would be the same from `feed` chunk by chunk, without a flag and without a change in how
-        lines are read.
+        None, and nothing taken, unless `feed` chunk by chunk would give the same samples, without a
+        flag and without a change of the reading of lines.
         """
         ...
 
@@ -120,7 +123,9 @@ class PolledDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class AskingDecoder(PolledDecoder, Protocol):
-    """One that asks for other things too, each at its own pace: air, strength of the signal."""
+    """A decoder that asks for other quantities too, each at its own pace: air, strength of the
+    signal.
+    """
 
     others: Sequence[tuple[bytes, float]]
     """Further requests and how many seconds lie between two of the same; answered like ``request``."""
@@ -128,15 +133,17 @@ class AskingDecoder(PolledDecoder, Protocol):
 
 @runtime_checkable
 class GreetingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that sends on request: the link sends ``greeting`` whenever it has opened the line."""
+    """A decoder for an instrument that sends on request: the link sends ``greeting`` whenever the
+    line is open.
+    """
 
     greeting: bytes
 
 
 @runtime_checkable
 class RespondingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that wants an answer to what it says."""
+    """A decoder for an instrument that wants an answer to its data."""
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function that takes all that is heard on an open line, and returns the answer to it."""
+        """Return a function from the bytes received on an open line to their answer."""
         ...

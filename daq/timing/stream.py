@@ -1,8 +1,9 @@
-"""One stream of an instrument: bytes in, samples of a time span out.
+"""A stream of an instrument: bytes in, samples of a time span out.
 
-Chunks are decoded when somebody looks, or after a second: twenty chunks at once cost little more than one. What comes out does not
-depend on when that is, or a replay would not give what the live run gave: a decoder takes several chunks at once only where
-nothing but plain samples is in them, every sample keeps the arrival of its own chunk, and what is forgotten goes by whole chunks.
+Chunks are decoded on request, or after a second: twenty chunks at once cost little more than a
+single chunk. The samples do not depend on the time of decoding, else a replay would differ from the
+live run: a decoder takes several chunks at once only if they hold plain samples alone, every sample
+keeps the arrival of its own chunk, and old samples are discarded by whole chunks.
 """
 
 import math
@@ -20,10 +21,12 @@ from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDe
 
 MEMORY_NS = 90_000_000_000
 MEMORY_SAMPLES = 1_000_000
-"""What is remembered: long enough to look back for a stop that Modbus missed, bounded for fast instruments."""
+"""Samples kept: long enough to look back for a stop that Modbus missed, bounded for fast
+instruments.
+"""
 HOLD_NS = 1_000_000_000
 HOLD_BYTES = 65_536
-"""How long and how much may wait to be decoded."""
+"""Longest time and most bytes that wait to be decoded."""
 ARRIVAL_SLACK_NS = 500_000_000
 """Samples may arrive this much later than they were taken."""
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
@@ -119,7 +122,7 @@ class StreamBuffer:
         return self._conditions
 
     def conditions_since(self, time_ns: int) -> Mapping[str, float]:
-        """Return what of that it sent after a time."""
+        """Return the conditions received after a time."""
         self._settle()
         return {name: value for name, value in self._conditions.items() if self._conditions_ns[name] >= time_ns}
 
@@ -149,9 +152,11 @@ class StreamBuffer:
         return notices
 
     def interrupted(self, at_ns: int, reason: Words = LINE_LOST) -> None:
-        """Take note that bytes are missing: the half line before them does not belong to the bytes after them.
+        """Take note of missing bytes: the half line before the gap does not belong to the bytes
+        after it.
 
-        However short that was, the laser was unwatched: a beam that is cut meanwhile and comes back leaves no trace, with a counter too.
+        The laser was unwatched even in a short gap: a beam that is cut meanwhile and comes back
+        leaves no trace, with a counter too.
         """
         self._settle()
         self._decoder.resync()
@@ -167,7 +172,9 @@ class StreamBuffer:
         return float(newest)
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples taken in the closed span of time that had arrived before another one."""
+        """Return the usable samples taken in the closed span of time that had arrived before
+        another time.
+        """
         chosen = self._around(from_ns, to_ns)
         if not chosen:
             empty = np.zeros(0)
@@ -277,7 +284,7 @@ class StreamBuffer:
         self._least_step_mm = float(np.min(steps, where=steps > LEAST_STEP_MM, initial=self._least_step_mm))
 
     def _forget(self, before_ns: int) -> None:
-        """Let go of chunks that came before, and of those beyond what is remembered."""
+        """Discard chunks from before a time, and chunks beyond the memory."""
         while True:
             batch, clock = self._batches[0]
             excess = self._kept - MEMORY_SAMPLES
@@ -292,9 +299,11 @@ class StreamBuffer:
                 self._batches.appendleft((batch.after(gone), clock))
 
     def _watch_for_holes(self, batch: Samples) -> None:
-        """Note where no sample was seen for a while: by the counter where the instrument counts what it could not send, else by arrivals.
+        """Note a time without samples: by the counter if the instrument counts unsent samples, else
+        by arrivals.
 
-        Where it does not, the samples before and after the hole are no longer numbered alike: their clock begins anew.
+        In the latter case the samples before and after the hole are no longer numbered alike: their
+        clock begins anew.
         """
         before, self._end = self._end, (int(batch.counter[-1]), int(batch.arrival_ns[-1]))
         counted = self._decoder.gaps_visible

@@ -55,11 +55,15 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
 _TEMPLATE = """\
 [beckhoff]
-way = "?"                     # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
+# "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
+way = "?"
 axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
-# chain = "FXYZ"              # volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
-# turned = false              # with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them already, so that
-#                             # the survey sees them as axes of the tool (workpiece_axes 0); where it turns some of them: leave chain out
+# volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
+# chain = "FXYZ"
+# with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them
+# already, so that the survey sees them as axes of the tool (workpiece_axes 0); where it turns
+# some of them: leave chain out
+# turned = false
 # negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
 # cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
 # master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")
@@ -111,7 +115,9 @@ class Beckhoff:
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return the volumetric file with the lines of its configuration, or one ``achskw<n>.lis`` for each axis."""
+        """Return the volumetric file with the lines of its configuration, or a file
+        ``achskw<n>.lis`` per axis.
+        """
         options = profile.options_as(BeckhoffOptions)
         if options.way == "lists":
             return tuple(
@@ -205,11 +211,12 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 
 
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
-    """Return the chain as the control has to take it (ISG 296411019, P-VOLC-00008).
+    """Return the chain in the form of the control (ISG 296411019, P-VOLC-00008).
 
-    An axis on the workpiece side that the axis parameters turn already (vz_istw, vz_stellgr) is an axis of the tool for the survey, and has
-    to be one for the control. What its angles do with its own position, which an axis of the tool has not, is in its curves then.
-    Raises ``UsageError`` where a chain with such axes leaves that open.
+    An axis on the workpiece side that the axis parameters already turn (vz_istw, vz_stellgr) is an
+    axis of the tool for the survey, and has to be one for the control. The effect of its angles on
+    its own position, which an axis of the tool lacks, is then in its curves. Raises ``UsageError``
+    for a chain with such axes that leaves this open.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)
@@ -223,7 +230,9 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses that get a column: where it makes no difference whether one turns the axes that its axis carries."""
+    """Return the squarenesses that get a column: those whose turn of the carried axes makes no
+    difference.
+    """
     order = "" if options.chain is None else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
     return tuple(name for name, target in csv.SHIFTS.items() if order and order.index(target[1]) < order.index(target[2]))
 

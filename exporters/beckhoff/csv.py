@@ -39,7 +39,9 @@ Rows = list[tuple[str, list[str]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How a file is read: kinds and laws by output axis; ``levers`` of the angles, None where the profile states no chain."""
+    """Interpretation of a file: kinds and laws by output axis; ``levers`` of the angles, None if
+    the profile states no chain.
+    """
 
     kind: str
     angle_kind: str
@@ -48,9 +50,11 @@ class Reading:
 
 
 def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squareness: Sequence[str] = ()) -> bytes:
-    """Return the file: one block for each input axis, components in mm and angles in rad beside each other.
+    """Return the file: a block per input axis, components in mm and angles in rad beside each
+    other.
 
-    ``squareness`` names those that get a column of their own, before the others; the rest stays in its straightness.
+    ``squareness`` names the squarenesses with a column of their own, before the others; the rest
+    stays in its straightness.
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
@@ -109,7 +113,7 @@ def recognises(file: ControlFile) -> bool:
 def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
     """Return a table for each component column, the squareness within, and the products of each angle column.
 
-    Raises ``DataError`` with file and line, also for angles where the profile states no chain.
+    Raises ``DataError`` with file and line, also for angles without a chain in the profile.
     """
     require_end(file, _MARK, _END)
     squareness: dict[str, float] = {}
@@ -131,7 +135,9 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
 
 
 def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
-    """Return the position errors that are not zero. Raises ``DataError`` for one that is no squareness of three linear axes."""
+    """Return the position errors that are not zero. Raises ``DataError`` for an error that is not a
+    squareness of three linear axes.
+    """
     if len(rows) != 1:
         raise DataError(where, expected=message("one-row"), found=message("count-rows", count=len(rows)))
     ((at, cells),) = rows
@@ -143,7 +149,7 @@ def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]
 
 
 def _joined(tables: Sequence[Table], squareness: Mapping[str, float], file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
-    """Return the tables with each squareness in the function along which it shifts the tool."""
+    """Return the tables with each squareness in the function of its shift of the tool."""
     found = {table.name: table for table in tables}
     for name, value in squareness.items():
         target = SHIFTS[name]

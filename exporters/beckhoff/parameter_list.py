@@ -23,7 +23,7 @@ Values = Mapping[str, tuple[str, str]]
 
 
 def render(tables: Sequence[Table], profile: Profile, numbers: Mapping[str, int], master_word: str, notes: Sequence[str]) -> ControlFile:
-    """Return the list of one axis: the tables that correct it."""
+    """Return the list of an axis: its tables."""
     letter = tables[0].output_axis
     number = numbers[letter]
     lines = [*(f"# {note}" for note in notes), f"kopf.achs_nr {number}", f"kopf.log_achs_name {profile.axis(letter).name}"]

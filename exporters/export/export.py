@@ -1,8 +1,9 @@
-"""The one door from a result to files for a control.
+"""The only way from a result to files for a control.
 
-Nothing is written before everything has been checked, nothing that exists is overwritten with other bytes, and what is written comes with
-its restore files, a readable report, a SHA-256 list and the steps to load it. Files with a table whose sense was not tried on this
-machine within twelve months carry ``_UNTESTED_SIGN`` in their names, so that nobody loads them unawares.
+Nothing is written before everything has been checked, no existing file is overwritten with other
+bytes, and the files come with their restore files, a readable report, a SHA-256 list and the steps
+to load them. Files with a table whose sense was not tested on this machine within twelve months
+carry ``_UNTESTED_SIGN`` in their names, so that they are not loaded unawares.
 """
 
 from collections.abc import Collection
@@ -148,7 +149,9 @@ def _settled(profile: Profile | None, control: Controller, result: Result, step_
 
 
 def _of_what_travelled(profile: Profile, result: Result) -> Profile:
-    """Return the stand-in for a survey of axes alone with the functions that it identified: of the volume nothing is asked for."""
+    """Return the stand-in for a survey of axes alone with its identified functions: the volume is
+    not asked for.
+    """
     if result.volume.solid:
         return profile
     functions = [name for name in profile.machine.functions if name in result.errors and result.errors[name].value is not None]
@@ -156,7 +159,7 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
 
 
 def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
-    """Return the steps of a quick look: the one that is given, or those at which the errors were measured.
+    """Return the steps of a quick look: the given step, or the steps of the survey.
 
     Points between measured positions add nothing, and points beside them cost up to a micrometre.
     """
@@ -167,7 +170,9 @@ def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
 
 
 def _measured_step(result: Result, index: int) -> float:
-    """Return the largest part of the survey's increments whose points meet the functions of an axis, or the one that misses least."""
+    """Return the largest part of the survey's increments whose points meet the functions of an
+    axis, or the part with the least miss.
+    """
     letter, low_mm, step_mm = AXIS_LETTERS[index], result.volume.origin_mm[index], float(result.volume.step_mm[index])
     known = [(each.position_mm, each.value) for name, each in result.errors.items() if name[-1] == letter and each.value is not None]
 

@@ -1,8 +1,10 @@
-"""From a result to the tables that make a control whole: those asked for, and what the control held and would lose or keep by them.
+"""From a result to the tables that complete a control: the requested tables, and the control's old
+tables that would be lost or kept with them.
 
-The plan is made, loaded in thought over the machine's own files, and made again as long as that shows something: an old table of a function
-that was not asked for and whose seat is taken is written once more where there is room; an old product that stays is counted on; an old
-table of a function that moved to another seat is emptied.
+The plan is made, loaded in simulation over the machine's own files, and made again until no more is
+found: an old table of a function outside the request whose seat is taken is written once more if
+there is room; an old product that stays is counted on; an old table of a function that moved to
+another seat is emptied.
 """
 
 from collections.abc import Sequence
@@ -70,7 +72,7 @@ def _once(
     kept: dict[str, Curve],
     products: frozenset[str],
 ) -> tuple[Case, Plan]:
-    """Return one plan, with the curves that are ``kept`` and the ``products`` that stay as they are."""
+    """Return a plan, with the ``kept`` curves and the ``products`` that stay unchanged."""
     on = profile.machine.measured_with == "on"
     gone = [table for table in before if table.multiplier is not None and table.name not in products] if on else []
     names = [name for name in _names(result, control, profile) if name not in kept]
@@ -87,7 +89,9 @@ def _once(
 
 
 def _names(result: Result, control: Controller, profile: Profile) -> Sequence[str]:
-    """Return the functions to write, with those that the result knows and that this control cannot leave out."""
+    """Return the functions to write, with the result's functions that this control cannot leave
+    out.
+    """
     asked = profile.machine.functions
     if not isinstance(control, Pairing):
         return asked

@@ -1,4 +1,6 @@
-"""Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of LinuxCNC that reads it."""
+"""Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of
+LinuxCNC that reads this CSV.
+"""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace

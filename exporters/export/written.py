@@ -1,4 +1,4 @@
-"""What an export wrote."""
+"""The report of an export."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,9 @@ REPORT = "EXPORT_REPORT.txt"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportReport:
-    """What an export wrote. ``files`` are the names within ``out_dir``; ``prediction`` is None for a lattice that knows no control."""
+    """The report of an export. ``files`` are the names within ``out_dir``; ``prediction`` is None
+    for a lattice without a control.
+    """
 
     controller: str
     out_dir: Path

@@ -1,7 +1,8 @@
 """FANUC: stored pitch error compensation, inclination and four-point straightness, written into the machine's own punch files.
 
-Without those files nothing is written for the control: the prefix of a pitch line differs between series and a wrong one addresses
-parameters (controllers.md 2.6). The readable table in the report then says what to type.
+Without these files nothing is written for the control: the prefix of a pitch line differs between
+series and a wrong prefix addresses parameters (controllers.md 2.6). The readable table in the
+report then shows the values to type.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -141,7 +142,9 @@ class Fanuc:
         return read_tables(punched, profile, options)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in the memory of the control: a punch file that is read in leaves nothing of the one that it was made from."""
+        """Return the tables in the memory of the control: a punch file replaces its template
+        wholly.
+        """
         files = copied(own, new)
         if not new:
             _require_interval([read_punch(file) for file in own], profile)
@@ -187,7 +190,9 @@ class Fanuc:
 
 
 def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[Table]:
-    """Return the tables of one axis: inclination where the profile asks for it, and pitch data for what it leaves."""
+    """Return the tables of an axis: inclination if the profile asks for it, and pitch data for the
+    rest.
+    """
     if is_directional(curve, profile) and not options.experimental_bidirectional:
         raise SafetyError(
             f"{profile.source}: machine.direction",
@@ -205,7 +210,7 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
 
 
 def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> FanucOptions:
-    """Return the options with the magnification that was chosen for each axis."""
+    """Return the options with the chosen magnification of each axis."""
     axes = dict(options.axes)
     for table in tables:
         if table.kind == pitch.KIND:
@@ -229,7 +234,9 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
 
 
 def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse own pitch data whose interval stands nowhere: the steps of a profile are those of the new table, not of the old one."""
+    """Refuse own pitch data without an interval: the steps of a profile are those of the new table,
+    not of the old.
+    """
     if not any(any(file.pitch.values()) for file in own):
         return
     axes = [axis.number for axis in profile.options_as(FanucOptions).axes.values()]

@@ -30,7 +30,9 @@ _CANDIDATES = 40
 
 
 def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions) -> tuple[Table, float]:
-    """Return the four-point table for the mean of a curve, and the largest residual in um that it leaves on the grid."""
+    """Return the four-point table for the mean of a curve, and its largest residual in um on the
+    grid.
+    """
     grid, forward, reverse = sampled_um(curve, profile)
     if len(grid) < 4:
         raise SafetyError(

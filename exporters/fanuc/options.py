@@ -54,28 +54,35 @@ class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_o
 
 
 TEMPLATE = """\
-# FANUC writes only into copies of the machine's own files: name its punched pitch data in machine.existing (SYSTEM > PITCH > PUNCH),
+# FANUC writes only into copies of the machine's own files: name its punched pitch data in
+# machine.existing (SYSTEM > PITCH > PUNCH),
 # and its punched parameters (SYSTEM > PARAM > PUNCH) if 3620-3624 are to be written too.
 [fanuc]
-detection_unit_um = "?"       # 1.0 or 0.1: a wrong answer makes every value 10 times too large or small
+# 1.0 or 0.1: a wrong answer makes every value 10 times too large or small
+detection_unit_um = "?"
 # least_input_um = 1.0        # least input increment, for 3624 of old controls (16i/18i)
 # increment_limit = 7         # largest increment per point; some series and options allow 127
 # points_per_axis = 128
-# straightness_option = false # true: the control has straightness compensation, and its punched parameters hold 5711 to 5784
+# true: the control has straightness compensation, and its punched parameters hold 5711 to 5784
+# straightness_option = false
 # experimental_bidirectional = false   # 3605#0: pitch data of their own for each direction
 [fanuc.axes.X]
-number = "?"                  # which A<number> is X: parameter 1020 holds 88 for X, 89 for Y, 90 for Z
+# which A<number> is X: parameter 1020 holds 88 for X, 89 for Y, 90 for Z
+number = "?"
 reference_point = "?"         # 3620: number of the point at the reference position
 # reverse_first_point = 0     # 3626, only with experimental_bidirectional
-# magnification = 1           # 3623; left out: the smallest that keeps every increment within the limit
-# inclination = false         # true: put the slope into inclination compensation (5861-5864, 5871-5874)
+# 3623; left out: the smallest that keeps every increment within the limit
+# magnification = 1
+# true: put the slope into inclination compensation (5861-5864, 5871-5874)
+# inclination = false
 [fanuc.axes.Y]
 number = "?"
 reference_point = "?"
 [fanuc.axes.Z]
 number = "?"
 reference_point = "?"
-# [fanuc.straightness.EYX]    # only with the parameter numbers of this machine, from its own parameter manual
+# only with the parameter numbers of this machine, from its own parameter manual
+# [fanuc.straightness.EYX]
 # moving = 5711
 # compensated = 5721
 # points = [5731, 5732, 5733, 5734]

@@ -1,4 +1,6 @@
-"""The parameters that belong to FANUC tables: for the report, for the machine's own parameter file, and read back from it."""
+"""The parameters of FANUC tables: for the report, for the machine's own parameter file, and read
+back from this file.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +14,7 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
 Key = tuple[int, int | None]
-"""A parameter number, and the axis (A1 ..) or None for one that belongs to no axis."""
+"""A parameter number, and the axis (A1 ..) or None for a parameter without an axis."""
 BIDIRECTIONAL = 3605
 """Parameter whose bit 0 (BDP, the last digit) switches bidirectional compensation on."""
 DISABLED = 8135

@@ -1,8 +1,9 @@
 """FANUC stored pitch error compensation: increments between numbered points.
 
-B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N and holds what is added when the axis passes
-it in +, also left of the reference; the value is output at the point, not interpolated. It is added to the command, so A = -e. The
-absolute curve is quantised once and then differenced: increments rounded one by one would add up their rounding errors.
+B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N and holds
+the addition when the axis passes it in +, also left of the reference; the value is output at the
+point, not interpolated. The value is added to the command, so A = -e. The absolute curve is
+quantised once and then differenced: increments rounded singly would add up their rounding errors.
 """
 
 from dataclasses import dataclass, replace
@@ -59,10 +60,10 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
 
 
 def pitch_tables(curve: Curve, profile: Profile, options: FanucOptions, already_um: Vector) -> tuple[Table, ...]:
-    """Return the pitch table of an axis, or one for each direction in the bidirectional form.
+    """Return the pitch table of an axis, or a table per direction in the bidirectional form.
 
-    ``already_um`` is what inclination compensation adds at the points of the grid. Raises ``SafetyError`` where no
-    magnification keeps every increment within the limit.
+    ``already_um`` is the addition of inclination compensation at the points of the grid. Raises
+    ``SafetyError`` if no magnification keeps every increment within the limit.
     """
     grid, forward, reverse = sampled_um(curve, profile)
     directional = is_directional(curve, profile)

@@ -1,9 +1,11 @@
-"""FANUC punch files: read as they are, changed only in the digits after a P.
+"""FANUC punch files: read unchanged, changed only in the digits after a P.
 
-Evidence: 31 machine dumps compared byte by byte (controllers.md 2.6). Blocks end with LF CR CR, the file begins and ends with ``%``,
-there is no ``;``, ``+``, ``?`` or lower case. New generation (0i-D/F, 30i): ``N01825Q1A1P3000A2P3000``; old (16i/18i):
-``N01825 A1 P 3000 A2 P 3000``. Pitch data are ``N(10000 + point)`` with a bare P. On new controls parameters have numbers above 10000
-too and carry Q1: a line with Q1 is never pitch data. What stands between N and P comes from the machine's own file, it is never invented.
+Evidence: 31 machine dumps compared byte by byte (controllers.md 2.6). Blocks end with LF CR CR, the
+file begins and ends with ``%``, there is no ``;``, ``+``, ``?`` or lower case. New generation
+(0i-D/F, 30i): ``N01825Q1A1P3000A2P3000``; old (16i/18i): ``N01825 A1 P 3000 A2 P 3000``. Pitch data
+are ``N(10000 + point)`` with a bare P. On new controls parameters have numbers above 10000 too and
+carry Q1: a line with Q1 is never pitch data. The text between N and P comes from the machine's own
+file and is never invented.
 """
 
 import re
@@ -62,8 +64,8 @@ class PunchFile:
     def changed(self, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]) -> bytes:
         """Return the bytes of the file with new pitch data and new parameters of (number, axis).
 
-        Only digits behind a P change, and only of numbers that the file holds: the control refuses numbers that it does not
-        know. Raises ``SafetyError`` for a pitch point that the file does not hold.
+        Only digits behind a P change, and only of numbers in the file: the control refuses unknown
+        numbers. Raises ``SafetyError`` for a pitch point missing in the file.
         """
         missing = sorted(set(pitch) - set(self.pitch))
         if missing:

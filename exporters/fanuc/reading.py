@@ -66,9 +66,11 @@ class _Reader:
         return [forward, self._pitch_table(letter, position, first, -1, offset)]
 
     def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
-        """Return whether an axis has a second table for travel in -: its 3605#0 says so, each axis for itself.
+        """Return whether an axis has a second table for travel in -: by its 3605#0, each axis for
+        itself.
 
-        Where no file holds that parameter, the profile does, as far as there are data in the second range.
+        If no file holds this parameter, the profile decides, as far as there are data in the second
+        range.
         """
         bits = self._find(BIDIRECTIONAL, axis.number)
         if bits is not None:
@@ -126,7 +128,8 @@ class _Reader:
                 expected=message("points-of", first=wanted[0], last=wanted[-1], letter=letter),
                 found=message("no-point", number=missing[0]),
             )
-        # An empty table is the same at any magnification: a machine that was never compensated need not state it.
+        # An empty table is the same at any magnification: a machine without compensation need not
+        # state it.
         default = axis.magnification if any(self._data[point] for point in wanted) else axis.magnification or 1
         quantum = self._number(3623, axis.number, default, f"fanuc.axes.{letter}.magnification") * self._options.detection_unit_um
         return Table(

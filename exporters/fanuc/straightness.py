@@ -1,9 +1,12 @@
-"""FANUC straightness compensation where the machine's own file holds its parameters: which sets there are, and what goes into them.
+"""FANUC straightness compensation with the parameters of the machine's own file: its sets, and
+their contents.
 
-B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of the moving axis and the compensation
-there. The parameter numbers were in no manual that was seen; those below are remembered ones. They are used only where the profile says
-that the option is there (``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set; otherwise the
-table is for the report. Such a control holds three sets: the three functions that are worth most, squareness included.
+B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of
+the moving axis and the compensation there. The parameter numbers were in no manual that was seen;
+the numbers below are remembered. They are used only if the profile states the option
+(``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set;
+otherwise the table is for the report. Such a control holds three sets: the three functions of the
+largest worth, squareness included.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,11 +37,14 @@ def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
 
 
 def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str) -> FanucOptions:
-    """Return the options with the machine's sets given to the functions that are worth most; those of the profile stay.
+    """Return the options with the machine's sets given to the functions of the largest worth; the
+    profile's sets stay.
 
-    A function keeps the set that it has in the machine's files, and a set of a function that ``tables`` lack is not taken from it.
+    A function keeps its set in the machine's files, and a set of a function outside ``tables`` is
+    not taken from it.
 
-    Raises ``SafetyError`` (code ``template-missing.parameters``) where the profile says that the option is there and no file shows it.
+    Raises ``SafetyError`` (code ``template-missing.parameters``) if the profile states the option
+    and no file shows it.
     """
     if not options.straightness_option:
         return options

@@ -1,4 +1,4 @@
-"""One file of an export: its name, its bytes and what it is for."""
+"""A file of an export: its name, its bytes and its purpose."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,10 +7,10 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlFile:
-    """One file for the control: plain name, exact bytes, and what it is.
+    """A file for the control: plain name, exact bytes, and purpose.
 
-    ``data`` is what the control reads as a table (and ``parse`` reads back), ``program`` a part program that loads it,
-    ``note`` text for people.
+    ``data`` is a table for the control (read back by ``parse``), ``program`` a part program that
+    loads it, ``note`` text for people.
     """
 
     name: str

@@ -41,7 +41,9 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
 
 
 def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
-    """Raise ``DataError`` for a file of ours, recognised by ``mark``, that does not end with the line ``end``: the rest of it is lost."""
+    """Raise ``DataError`` for a file of ours, recognised by ``mark``, that does not end with the
+    line ``end``: its rest is lost.
+    """
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
             file.name, expected=message("last-line", text=end.decode("ascii")), found=message("no-end"), remedy=message("cut-off")

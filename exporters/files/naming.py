@@ -1,4 +1,4 @@
-"""What the names of exported files carry: warnings that a person reads and that a control's reader must see through."""
+"""Warnings in the names of exported files: readable for people, skipped by a control's reader."""
 
 from pathlib import PurePath
 

@@ -8,6 +8,8 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def shortest(value: float) -> str:
-    """Return a position in mm with the fewest digits that keep it to 1e-9 mm, at least one decimal: ``-200.0``, ``6.25``."""
+    """Return a position in mm with the fewest digits for an error below 1e-9 mm, at least one
+    decimal: ``-200.0``, ``6.25``.
+    """
     whole, _, fraction = fixed(value, 9).partition(".")
     return f"{whole}.{fraction.rstrip('0') or '0'}"

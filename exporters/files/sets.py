@@ -1,7 +1,9 @@
-"""Sets of files that belong together: a folder with them and their SHA-256 appears whole or not at all, and is read whole or refused.
+"""Sets of files: a folder with them and their SHA-256 appears whole or not at all, and is read
+whole or refused.
 
-A control that got half of an export is worse off than one that got nothing. So a set is written into a hidden folder beside its place,
-what brings the control back before what changes it, put on the disk, and renamed once. `SHA256SUMS` says afterwards what belongs to it.
+A control with half of an export is worse off than a control without. So a set is written into a
+hidden folder beside its place, the restoring files before the changing files, put on the disk, and
+renamed once. `SHA256SUMS` then lists the members of the set.
 """
 
 import hashlib
@@ -26,10 +28,12 @@ _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})"
 
 
 def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. A set that stands there already stays.
+    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. An
+    equal set in the folder stays.
 
-    Whatever happens, power loss included, the folder holds all or nothing, and of two writers one wins. Raises ``UsageError`` where the
-    folder holds anything else, cannot be written, or two files have one name.
+    In any event, power loss included, the folder holds all or nothing, and of two writers a single
+    writer wins. Raises ``UsageError`` if the folder holds anything else, cannot be written, or two
+    files have one name.
     """
     everything = (*files, sums_of(files))
     refuse_file_name(folder)
@@ -69,10 +73,10 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
 
 
 def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
-    """Return the files that a person names: those of whole folders (`read_set`), and single ones.
+    """Return the named files: the files of whole folders (`read_set`), and single files.
 
-    A single file that stands in a set must be as it was written (``SafetyError``, code ``set-altered``), and who names the list of a set
-    means all of it.
+    A single file in a set must be unchanged (``SafetyError``, code ``set-altered``), and the list
+    of a set stands for the whole set.
     """
     read: list[ControlFile] = []
     for path in paths:
@@ -89,10 +93,11 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
 
 
 def zip_of(folder: Path, *, restore: bool) -> bytes:
-    """Return a set as one zip without the files that restore the control, or these alone; its ``SHA256SUMS`` holds for what is in it.
+    """Return a set as a zip without the files that restore the control, or these alone; its
+    ``SHA256SUMS`` covers its contents.
 
-    What is packed is what was compared with the list: a set that is altered while somebody fetches it is refused, with the SafetyError of
-    `read_set`.
+    The packed bytes are the bytes compared with the list: a set altered during the download is
+    refused, with the SafetyError of `read_set`.
     """
     files = [file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore]
     packed = io.BytesIO()

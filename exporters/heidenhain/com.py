@@ -35,7 +35,7 @@ _URAD_PER_DEGREE = np.pi / 180.0 * 1e6
 
 
 def file_name(axis: str, positions: bool) -> str:
-    """Return the name of the table of an input axis, as each generation writes it."""
+    """Return the name of the table of an input axis in each generation."""
     return f"AXIS_{axis}.COM" if positions else f"AXIS-{axis}.COM"
 
 
@@ -85,7 +85,7 @@ def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[
 
 
 def render_assignment(name: str, named: Mapping[str, str], axes: Sequence[str], profile: Profile) -> ControlFile:
-    """Return the .CMA file with one active line that calls the table of each axis in ``named``."""
+    """Return the .CMA file with an active line that calls the table of each axis in ``named``."""
     heading = _heading(["NR", "ACTIVE", *axes], ".CMA", profile)
     row = _row(heading, {"NR": "0", "ACTIVE": "*", **named}, "", name)
     return ControlFile(name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE))
@@ -93,7 +93,9 @@ def render_assignment(name: str, named: Mapping[str, str], axes: Sequence[str], 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How a table is read: kinds of its columns, their law; ``levers`` of the angles, None where the profile states no chain."""
+    """Interpretation of a table: kinds of its columns, their law; ``levers`` of the angles, None if
+    the profile states no chain.
+    """
 
     kind: str
     kinematics_kind: str
@@ -102,7 +104,9 @@ class Reading:
 
 
 def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> list[Table]:
-    """Return the tables of a .COM file, one for each axis that it has a column for, and those of C1 to C6. Raises ``DataError``."""
+    """Return the tables of a .COM file, one per axis with a column, and the tables of C1 to C6.
+    Raises ``DataError``.
+    """
     begin, columns, rows = _read(file)
     index = {column: place for place, column in enumerate(columns)}
     where = f"{file.name}: heading"
@@ -145,7 +149,9 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
 
 
 def _kinematics(column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector) -> Iterator[Table]:
-    """Yield what one of the columns C1 to C6 moves; the displacement along the axis itself only where it says something."""
+    """Yield the movements by a column of C1 to C6; the displacement along the axis itself only if
+    not zero.
+    """
     letter = like.input_axis
     if column in TURNS:
         angle = Angle(name=f"E{'ABC'[TURNS.index(column)]}{letter}", position_mm=like.position_mm, value_urad=value * _URAD_PER_DEGREE)
@@ -210,7 +216,9 @@ def _cut(line: str, starts: Sequence[int]) -> list[str]:
 
 
 def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
-    """Return the heading: that of the control's own file where it has the same columns, otherwise with assumed widths."""
+    """Return the heading: the heading of the control's own file with the same columns, otherwise
+    with assumed widths.
+    """
     for file in profile.existing:
         if file.name.upper().endswith(ending):
             own = [line for _, line in read_lines(file)][1:2]

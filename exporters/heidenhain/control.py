@@ -1,10 +1,12 @@
-"""Heidenhain: one ``.COM`` table per input axis and the ``.CMA`` file that assigns them, in two generations.
+"""Heidenhain: a ``.COM`` table per input axis and the ``.CMA`` file that assigns them, in two
+generations.
 
-MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622: the column Z of the table
-that the .CMA names under Y holds Z = F(Y), so straightness and squareness stand beside the positioning errors. Newer controls have
-the position in each row (``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error: MP720
-calls an error positive when the table travels too far (TNC 407 p. 151); no page says it for .COM, so a sign test is due. Column
-widths are those of the control's own file where the profile names one.
+MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622:
+the column Z of the table that the .CMA names under Y holds Z = F(Y), so straightness and squareness
+stand beside the positioning errors. Newer controls have the position in each row (``AXISPOS``),
+older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error: MP720 calls an
+error positive when the table travels too far (TNC 407 p. 151); no page states it for .COM, so a
+sign test is due. Column widths are those of the control's own file if the profile names it.
 
 KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the errors of an axis other than its positioning stand
 in the columns C1 to C6 of its table, and five rows before its ``MachAxis`` in the kinematics table let them act, turns with their levers.
@@ -61,8 +63,12 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 
 _TEMPLATE = """\
 [heidenhain]
-generation = "?"              # "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x 0.1 um)
-# chain = "FXYZ"              # iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says it
+# "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x
+# 0.1 um)
+generation = "?"
+# iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says
+# it
+# chain = "FXYZ"
 # decimals = 4                # places in mm
 # assignment = "CONFIG.CMA"   # name of the assignment file in the control
 """
@@ -89,7 +95,9 @@ class Heidenhain:
         return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM, slope_um_mm=None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return one table for each curve: the mean of both directions, for the sense of the BACKLASH column is not public."""
+        """Return a table per curve: the mean of both directions, for the sense of the BACKLASH
+        column is not public.
+        """
         tables = [table for curve in curves for table in _curve_tables(curve, profile)]
         if profile.options_as(HeidenhainOptions).generation == "tnc4xx":
             _check_spacing(tables, profile)
@@ -120,7 +128,7 @@ class Heidenhain:
         return (*self._com_files(tables, profile), self._assignment(named, profile), *beside)
 
     def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
-        """Return one .COM file for the tables of each input axis."""
+        """Return a .COM file for the tables of each input axis."""
         options = profile.options_as(HeidenhainOptions)
         by_input = [[table for table in tables if table.input_axis == letter] for letter in "XYZ"]
         positions = options.generation == "tnc640"
@@ -131,7 +139,9 @@ class Heidenhain:
         return com.render_assignment(name, named, [axis.name for axis in profile.axes.values()], profile)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables that the active line of the .CMA file calls; without one, each .COM belongs to the axis in its name."""
+        """Return the tables called by the active line of the .CMA file; without a line, each .COM
+        belongs to the axis in its name.
+        """
         coms = [file for file in files if file.name.upper().endswith(".COM")]
         tables_of = {plain_name(file.name).upper(): file for file in coms}
         if len(tables_of) < len(coms):
@@ -156,13 +166,17 @@ class Heidenhain:
         return tuple(tables)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return what the last .CMA file calls, each .COM table as it was copied last; which .CMA acts is the control's matter."""
+        """Return the tables called by the last .CMA file, each .COM table in its last copy; the
+        control decides which .CMA acts.
+        """
         called = [file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")][-1:]
         tables = [file for file in copied(own, new) if not file.name.upper().endswith(".CMA")]
         return self.parse([*tables, *called], profile) if tables else ()
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own tables and assignment; without an assignment, one that calls the own tables and zeros in place of new ones."""
+        """Return the own tables and assignment; without an assignment, an assignment that calls the
+        own tables and zeros in place of the new.
+        """
         if any(file.name.upper().endswith(".CMA") for file in profile.existing):
             return profile.existing
         zeros = lacking(self, tables, profile, _file_of)
@@ -205,9 +219,10 @@ class Heidenhain:
 
 
 def _levers(profile: Profile) -> Vector | None:
-    """Return the levers that KinematicsComp gives to the angles: what the rows before those of an axis carry, so never its own travel.
+    """Return the levers of the angles in KinematicsComp: of the parts carried by the rows before an
+    axis, so never its own travel.
 
-    Raises ``UsageError`` for a chain on a control that has no KinematicsComp of public form.
+    Raises ``UsageError`` for a chain on a control without a public form of KinematicsComp.
     """
     options = profile.options_as(HeidenhainOptions)
     if options.chain is None:
@@ -221,7 +236,9 @@ def _levers(profile: Profile) -> Vector | None:
 
 
 def _called(profile: Profile) -> dict[str, str]:
-    """Return the own table of each axis, as the own .CMA file calls it or its name tells: those an export leaves alone stay called."""
+    """Return the own table of each axis, called by the own .CMA file or named after the axis:
+    tables outside the export stay called.
+    """
     assignments = [file for file in profile.existing if file.name.upper().endswith(".CMA")]
     if assignments:
         return com.read_assignment(assignments[0])

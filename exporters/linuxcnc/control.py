@@ -58,9 +58,13 @@ class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
 _TEMPLATE = """\
 [linuxcnc]
-joints = "?"                  # the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
-matrixkins = "?"              # true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
-# way = "screw"               # "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles included)
+# the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+joints = "?"
+# true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
+matrixkins = "?"
+# "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles
+# included)
+# way = "screw"
 # decimals = 6                # places of a correction, in the machine's unit
 """
 
@@ -86,10 +90,11 @@ class LinuxCnc:
         return Limits(points=MOST_ROWS, reference_um=_taken_over(table.input_axis, self._active(profile), profile)[0], ends_backlash=True)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return screw tables for positioning errors and one coefficient for each squareness.
+        """Return screw tables for positioning errors and a coefficient for each squareness.
 
-        Raises ``UsageError`` for a profile whose machine has the kinematics component: it holds a lattice and no tables; ``SafetyError``
-        (code ``profile-incomplete.backlash``) where the profile does not say what BACKLASH a COMP_FILE would switch off.
+        Raises ``UsageError`` for a profile of a machine with the kinematics component: it holds a
+        lattice and no tables; ``SafetyError`` (code ``profile-incomplete.backlash``) for a profile
+        without the BACKLASH that a COMP_FILE would switch off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = message("sense-component-stands-its")
@@ -108,7 +113,9 @@ class LinuxCnc:
         return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "LinuxCNC"), *left))
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions with the partner of each that holds a squareness: a coefficient turns by the lines of both."""
+        """Return the functions with the partner of each that holds a squareness: a coefficient
+        turns by the lines of both.
+        """
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
 
@@ -135,7 +142,9 @@ class LinuxCnc:
         return tuple(tables)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return what acts: one COMP_FILE an axis, as the INI file names it, and one HAL file with the coefficients of matrixkins."""
+        """Return the active tables: a COMP_FILE per axis, named in the INI file, and a HAL file
+        with the coefficients of matrixkins.
+        """
         return overwritten(
             self.parse(own, profile), self.parse(new, profile), lambda table: (table.kind, table.kind == SCREW and table.name)
         )
@@ -159,7 +168,7 @@ class LinuxCnc:
         return tuple(table for table in self.parse(profile.existing, profile) if table.kind == SCREW)
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return ``READ_BACK.ngc`` and the reader that runs beside it."""
+        """Return ``READ_BACK.ngc`` and its reader."""
         return read_back_files([table for table in tables if table.kind == SCREW], unit_mm(profile))
 
     def recognises(self, file: ControlFile) -> bool:
@@ -207,10 +216,12 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
 
 
 def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple[float, float]:
-    """Return what the forward and the reverse column of an axis hold beside the measured error, as errors in um.
+    """Return the contents of the forward and the reverse column of an axis beside the measured
+    error, as errors in um.
 
-    control.c adds half of BACKLASH when moving in + and takes half off when moving in -, but nothing at all where a COMP_FILE is used:
-    what was measured with BACKLASH at work needs it in the columns. Where a COMP_FILE was at work, its own offset at the reference stays.
+    control.c adds half of BACKLASH when moving in + and takes half off when moving in -, but
+    nothing at all with a COMP_FILE: an error measured with an active BACKLASH needs it in the
+    columns. If a COMP_FILE was active, its own offset at the reference stays.
     """
     old = [table for table in active if table.input_axis == letter and table.direction >= 0]
     if old:
@@ -230,7 +241,9 @@ def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple
 
 
 def _with_backlash(tables: Sequence[Table], forward_um: float, reverse_um: float) -> tuple[Table, ...]:
-    """Return the tables of one axis with an offset for each direction; one column becomes two where the offsets differ."""
+    """Return the tables of an axis with an offset per direction; a single column becomes two if the
+    offsets differ.
+    """
     if forward_um == reverse_um == 0.0:
         return tuple(tables)
     ways = ((tables[0], 1, forward_um), (tables[-1], -1, reverse_um))
@@ -245,10 +258,12 @@ def _screw_name(letter: str) -> str:
 
 
 def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
-    """Return the squareness of two axes as a coefficient; it is zero at the machine zero, not at the reference.
+    """Return the squareness of two axes as a coefficient; it is zero at the machine zero, not at
+    the reference.
 
-    A coefficient can turn one axis against the other and nothing else. Over the volume that is best done by the straight lines that fit
-    both curves of the pair, not by the line through the ends of the one that holds the squareness.
+    A coefficient can turn an axis against another and nothing else. Over the volume the straight
+    lines that fit both curves of the pair are the best turn, not the line through the ends of the
+    curve with the squareness.
     """
     slope = (straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)) * 1e-3
     ends = curve.position_mm[[0, -1]]
@@ -342,7 +357,9 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
 
 
 def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
-    """Return the coefficients of a HAL file, each over the travel of the axis that it multiplies: its size there is what limits judge."""
+    """Return the coefficients of a HAL file, each over the travel of its multiplied axis: limits
+    judge its size there.
+    """
     tables = []
     for where, raw in read_lines(file):
         line = raw.partition("#")[0].strip()
@@ -358,7 +375,7 @@ def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _travel_mm(letter: str, profile: Profile) -> Vector:
-    """Return the ends of an axis in mm as the profile states them; one metre to each side where it does not."""
+    """Return the ends of an axis in mm by the profile; a metre to each side if not stated."""
     axis = profile.axes.get(letter)
     stated = axis is not None and axis.start_mm is not None and axis.end_mm is not None and axis.end_mm > axis.start_mm
     return np.array([axis.start_mm, axis.end_mm]) if axis is not None and stated else np.array([-1000.0, 1000.0])

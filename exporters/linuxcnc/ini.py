@@ -24,9 +24,11 @@ Joints = Mapping[str, Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Naming:
-    """What an INI file names: the COMP_FILE of each joint, our kinematics with its arguments, the HAL file that belongs to it.
+    """Names in an INI file: the COMP_FILE of each joint, our kinematics with its arguments, its HAL
+    file.
 
-    ``limits`` are the software limits of each joint in the machine's unit, where an export changes them.
+    ``limits`` are the software limits of each joint in the machine's unit, if an export changes
+    them.
     """
 
     comp: Mapping[int, str] = field(default_factory=dict)
@@ -92,7 +94,9 @@ def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source
 
 
 def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that bring an INI file from one naming to another: plain ones where nothing has to go out of it."""
+    """Return the lines that bring an INI file from a naming to another: plain lines if nothing has
+    to go out of it.
+    """
     old, new = before.lines(), after.lines()
     rows = [_CHANGE, *_changed(before, after)] if any(line not in new for line in old) else list(_sections(new))
     return ControlFile(name=NAME, data=ascii_lines([*(f"# {note}" for note in notes), *rows]), role="note")

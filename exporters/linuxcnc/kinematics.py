@@ -1,12 +1,14 @@
 """LinuxCNC: the whole error field through a kinematics component of ours, which reads the lattice when the control starts.
 
-LinuxCNC has no volumetric compensation; a kinematics module is the place for one, because it alone sees all axes at once.
-``stepdiagkins.c`` stands in for ``trivkins``: it is built on the control with ``halcompile`` (package linuxcnc-uspace-dev). What it does to
-the joints is in its source, so its sense is known and not a claim to be tested. The lattice holds the mean of both directions: reversal is
+LinuxCNC has no volumetric compensation; a kinematics module is the place for it, because only this
+module sees all axes at once. ``stepdiagkins.c`` stands in for ``trivkins``: built on the control
+with ``halcompile`` (package linuxcnc-uspace-dev). Its effect on the joints is in its source, so its
+sense is known and needs no sign test. The lattice holds the mean of both directions: reversal is
 left to ``BACKLASH``, which a COMP_FILE would switch off.
 
-LinuxCNC keeps the limits of an axis ([AXIS_L]) against its command and those of a joint ([JOINT_n]) against what the kinematics makes of
-it: at the ends of the travel the joint stands beyond the axis by its correction, and its limits are widened by the largest one.
+LinuxCNC compares the limits of an axis ([AXIS_L]) with its command and the limits of a joint
+([JOINT_n]) with the output of the kinematics: at the ends of the travel the joint stands beyond the
+axis by its correction, and its limits are widened by the largest correction.
 """
 
 import math

@@ -1,4 +1,6 @@
-"""How the numbers come out of a running LinuxCNC: a program that stops at every row from both sides, and a reader of HAL beside it."""
+"""Reading the numbers back from a running LinuxCNC: a program that stops at every row from both
+sides, and a reader of HAL beside it.
+"""
 
 from collections.abc import Sequence
 from importlib.resources import files as resources
@@ -8,7 +10,9 @@ from stepdiag.exporters.tables.tables import Table
 
 NAMES = ("READ_BACK.ngc", "stepdiag_back.py")
 _BEYOND = 1.0
-"""How far beyond the first and last row the axis goes, in units of the machine, to come to them from both sides."""
+"""Distance beyond the first and last row, in units of the machine, for an arrival from both
+sides.
+"""
 _DWELL_S = 0.5
 """The reader takes a stop that has lasted 0.25 s; the control lets an offset come in by half of the joint's acceleration."""
 _FEED_MM_MIN = 6000

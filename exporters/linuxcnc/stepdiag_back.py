@@ -3,8 +3,9 @@
 
     /usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp
 
-Each pair is a joint and the file that it was given; held_screw_x.comp beside it has the same rows with what acts. A row that the axes did
-not stop at from both sides is named, and its file is not written (exit code 1). It needs nothing but the control's own Python.
+Each pair is a joint and its COMP_FILE; held_screw_x.comp beside this file has the same rows with
+the active values. A row without a stop of the axes from both sides is named, and its file is not
+written (exit code 1). The script needs only the control's own Python.
 """
 
 import sys
@@ -14,10 +15,15 @@ from pathlib import Path
 
 POLL_S, STILL_S, QUIET_S = 0.01, 0.25, 60.0
 NEAR, STIR = 1e-4, 1e-9
+"""Distance within which an axis stands at a row, and change of a command that counts as motion, in
+units of the machine.
+"""
 
 
 class Reader:
-    """The rows of each joint, and what was added at each of them coming from below (+1) and from above (-1)."""
+    """The rows of each joint, and the addition at each row coming from below (+1) and from above
+    (-1).
+    """
 
     def __init__(self, rows: dict[int, list[float]]) -> None:
         self.rows = rows

@@ -30,7 +30,9 @@ from stepdiag.exporters.tables.tables import Law, Table, require_rising
 
 KIND = "relative"
 _MARK, _END = b"lowest point at", b"; end"
-"""What our lists say of each pair, and their last line: keyed parameters have no end of their own."""
+"""Comment of our lists for each pair, and their last line: keyed parameters have no end of their
+own.
+"""
 _NAME = "mitsubishi_parameters.txt"
 _FIRST_DATA, _LAST_DATA = 4101, 5124
 _LEAST, _MOST = -128, 127
@@ -48,8 +50,11 @@ class MitsubishiOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 
 _TEMPLATE = """\
 [mitsubishi]
-output_unit_um = "?"          # unit of the compensation data in um: half the machine error compensation setting unit, such as 0.5
-data = "?"                    # "incremental" (#4000 = 1) or "absolute" (#4000 = 0), as the control is set
+# unit of the compensation data in um: half the machine error compensation setting unit, such as
+# 0.5
+output_unit_um = "?"
+# "incremental" (#4000 = 1) or "absolute" (#4000 = 0), as the control is set
+data = "?"
 # first_data = 4101           # first free data number
 """
 
@@ -74,7 +79,9 @@ class Mitsubishi:
         return Limits(neighbour_um=most, slope_um_mm=None) if table.law.data == "incremental" else Limits(value_um=most)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return one table for each curve, the smallest scale chosen that keeps its data within -128 to 127."""
+        """Return a table per curve, with the smallest scale that keeps its data within -128 to
+        127.
+        """
         options = profile.options_as(MitsubishiOptions)
         tables: list[Table] = []
         number = options.first_data
@@ -111,7 +118,8 @@ class Mitsubishi:
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own list, and zeros for every pair of axes that it lacks.
 
-        Raises ``SafetyError`` (``points-overlap.restore``) where such a pair would keep pointing at data that the own list writes back.
+        Raises ``SafetyError`` (``points-overlap.restore``) if such a pair would keep pointing at
+        data that the own list writes back.
         """
         if profile.existing:
             _refuse_overlap(tables, self.parse(profile.existing, profile), profile)
@@ -245,7 +253,7 @@ def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
 
 
 class _Value(NamedTuple):
-    """A parameter as it is written: the text, and where it stands."""
+    """A written parameter: its text and its place."""
 
     text: str
     where: str

@@ -1,9 +1,11 @@
 """Etalon Exchange: all functions of a result as text, a way into other software for volumetric compensation and back.
 
-TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with the ISO 230-1 name in square
-brackets, a position error has ``VALUE = number``, a function ``Gridpoints = { position value .. }``, ``//`` begins a comment; lengths in
-mm, angles in rad (296426379). The format says nothing of the point from which the lever of an angle counts: here it is the zero of the
-axes, as a control counts, so the displacements are shifted by the levers of the measured corner. Nor does it say the chain: it is asked.
+TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with
+the ISO 230-1 name in square brackets, a position error has ``VALUE = number``, a function
+``Gridpoints = { position value .. }``, ``//`` begins a comment; lengths in mm, angles in rad
+(296426379). The format lacks the point from which the lever of an angle counts: here it is the zero
+of the axes, as a control counts, so the displacements are shifted by the levers of the measured
+corner. The format also lacks the chain, which is asked for.
 """
 
 import re
@@ -64,8 +66,9 @@ def _at(function: Function | None, at: Vector) -> Vector:
 def parse(file: ControlFile, chain: str) -> Result:
     """Return the result in a file, for a machine of this chain, with functions and squareness as contract 4 has them.
 
-    The volume is that of the three positioning functions. What slopes the functions carry goes into the squareness, angles count from their
-    first position. Raises ``DataError`` with the line for anything that is no such file, ``UsageError`` for a wrong chain.
+    The volume follows from the three positioning functions. Slopes of the functions go into the
+    squareness, angles count from their first position. Raises ``DataError`` with the line for any
+    other file, ``UsageError`` for a wrong chain.
     """
     mask = abbe_mask(chain)
     values, functions = _read(file)

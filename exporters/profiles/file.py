@@ -1,6 +1,6 @@
 """From a profile file to a validated `Profile`, and the stand-in for a quick look.
 
-The files that the profile names (the machine's own tables and punch files) are read with it.
+The files named by the profile (the machine's own tables and punch files) are read with it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,10 +42,12 @@ class _Common(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
 def parse_profile(
     text: str, source: str, controller: Controller, volume: Volume | None, files: Mapping[str, bytes] | None = None
 ) -> Profile:
-    """Return the profile in a TOML text; ``files`` holds the bytes of the files that ``machine.existing`` names.
+    """Return the profile in a TOML text; ``files`` holds the bytes of the files in
+    ``machine.existing``.
 
-    Where an axis gives no start or end, the table runs to that end of the measured ``volume``; without a volume (a sign test before the
-    first survey) the profile has to give both. Raises ``UsageError``.
+    If an axis gives no start or end, the table runs to this end of the measured ``volume``; without
+    a volume (a sign test before the first survey) the profile has to give both. Raises
+    ``UsageError``.
     """
     tables = read_toml(text, source)
     _refuse_unknown_sections(tables, controller, source)
@@ -65,7 +67,9 @@ def parse_profile(
 
 
 def load_profile(path: Path, controller: Controller, volume: Volume | None) -> Profile:
-    """Return the profile file at ``path`` as `parse_profile` does; the files it names are looked for beside it."""
+    """Return the profile file at ``path`` as `parse_profile` does; its files are looked for beside
+    it.
+    """
     text = read_profile_text(path)
     machine = read_toml(text, path.name).get("machine", {})
     named = machine.get("existing", []) if isinstance(machine, dict) else []
@@ -81,7 +85,9 @@ def load_profile(path: Path, controller: Controller, volume: Volume | None) -> P
 
 
 def read_profile_text(path: Path) -> str:
-    """Return the text of a profile file. Raises ``UsageError`` where it cannot be read, is too large to be one, or is not UTF-8."""
+    """Return the text of a profile file. Raises ``UsageError`` for a file that is unreadable, too
+    large, or not UTF-8.
+    """
     data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected=message("readable-profile"), blame=UsageError)
     return as_text(data, str(path), UsageError)
 
@@ -89,7 +95,8 @@ def read_profile_text(path: Path) -> str:
 def quick_profile(controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None) -> Profile:
     """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end.
 
-    ``step_mm`` is that of all axes or one for each, without it those of the volume. An axis that did not travel has no table.
+    ``step_mm`` is the step of all axes or one per axis, without it the steps of the volume. An axis
+    that did not travel has no table.
     """
     steps_mm = np.broadcast_to(volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS))
     axes = {
@@ -128,7 +135,9 @@ def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, sou
 
 
 def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Controller, source: str) -> None:
-    """Refuse a sign test of a kind of table that the control has not: it would be evidence for nothing, unseen."""
+    """Refuse a sign test of a kind of table that the control lacks: it would be evidence for
+    nothing, unseen.
+    """
     for index, record in enumerate(records):
         if record.kind not in controller.kinds:
             expected = " or ".join(controller.kinds)
@@ -153,7 +162,9 @@ def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSect
 
 
 def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) -> tuple[ControlFile, ...]:
-    """Return the named files; that they are those that were active while measuring is checked where a result is exported."""
+    """Return the named files; the export of a result checks that they were active during the
+    measurement.
+    """
     missing = [name for name in machine.existing if name not in files]
     if missing:
         raise UsageError(f"{source}: machine.existing", expected=message("files-readable"), found=", ".join(missing))

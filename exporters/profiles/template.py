@@ -7,34 +7,51 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 
 _COMMON = """\
 # Controller profile of stepdiag for {title}.
-# Every "?" is a question that only you or the machine can answer: nothing is guessed. Lines that begin with # show the defaults.
+# Every "?" is a question that only you or the machine can answer: nothing is guessed. Lines that
+# begin with # show the defaults.
 
 [machine]
 name = "?"                    # how this machine is called in your shop
 controller = "{name}"
-measured_with = "?"           # "off" or "on": was a compensation active while measuring? As the survey says, or the export is refused
+# "off" or "on": was a compensation active while measuring? As the survey says, or the export is
+# refused
+measured_with = "?"
 # units = "mm"                # length unit of the control: "mm" or "inch"
-# direction = "mean"          # "mean": one table for both directions and a reversal value in the report; "both": a table for each
+# "mean": one table for both directions and a reversal value in the report; "both": a table for
+# each
+# direction = "mean"
 # functions = [{functions}]
-# existing = []               # files of the control, beside this profile: its tables now (restored from, merged with, used as template)
-# active_sha256 = []          # only for readings that do not say what was active: SHA-256 of those files, noted when they were read out
-[machine.squareness_into]     # into which straightness of its pair each squareness goes: exactly one of the two
+# files of the control, beside this profile: its tables now (restored from, merged with, used as
+# template)
+# existing = []
+# only for readings that do not say what was active: SHA-256 of those files, noted when they were
+# read out
+# active_sha256 = []
+# into which straightness of its pair each squareness goes: exactly one of the two
+[machine.squareness_into]
 C0Y = "EXY"                   # EXY or EYX
 B0Z = "EXZ"                   # EXZ or EZX
 A0Z = "EYZ"                   # EYZ or EZY
 {axes}
 [limits]
-# value_um = 100.0            # larger corrections are refused; left out: 200 um per metre of travel, 100 at least
-# warn_value_um = 50.0        # larger corrections have to be accepted; left out: 100 um per metre of travel, 50 at least
-# change_um = 20.0            # larger changes against the table of now have to be accepted; left out: 40 um per metre, 20 at least
-# slope_um_mm = 0.2           # steeper corrections have to be accepted; left out: the limit of this control
+# larger corrections are refused; left out: 200 um per metre of travel, 100 at least
+# value_um = 100.0
+# larger corrections have to be accepted; left out: 100 um per metre of travel, 50 at least
+# warn_value_um = 50.0
+# larger changes against the table of now have to be accepted; left out: 40 um per metre, 20 at
+# least
+# change_um = 20.0
+# steeper corrections have to be accepted; left out: the limit of this control
+# slope_um_mm = 0.2
 # points = 256                # most points in a table, where the control holds fewer than usual
 
-# [[sign_test]]               # one for each kind of table: what the sign test showed on this machine, valid for 12 months
+# one for each kind of table: what the sign test showed on this machine, valid for 12 months
+# [[sign_test]]
 {kind_line}
 # date = 2026-01-31
-# verdict = "as-error"        # or "as-compensation"; machine, control and files as `stepdiag signtest` prints them: without them
-#                             # the record is no evidence
+# or "as-compensation"; machine, control and files as `stepdiag signtest` prints them: without
+# them the record is no evidence
+# verdict = "as-error"
 
 """
 
@@ -42,17 +59,21 @@ _AXIS = """
 [axes.{letter}]
 name = "?"                    # the name in the control's own data, not the place in a list
 step_mm = "?"                 # distance of the table points; it must divide the length of the table
-reference_mm = "?"            # reference (home) position in machine coordinates: the table is zero there
+# reference (home) position in machine coordinates: the table is zero there
+reference_mm = "?"
 # start_mm = 0.0              # first point; left out: the low end of the measured volume
 # end_mm = 500.0              # last point; left out: the high end of the measured volume
 # travel_mm = [-5.0, 505.0]   # software limits; beyond the table its end values are held
-# working_mm = [100.0, 400.0] # where the work lies: the tables fit best there (without it: over the whole measured volume)
-# backlash_um = 0.0           # backlash in the control now (MD32450, 1851, BACKLASH); needed for direction = "both", and by LinuxCNC
+# working_mm = [100.0, 400.0] # where the work lies: the tables fit best there (without it: over
+# the whole measured volume)
+# backlash in the control now (MD32450, 1851, BACKLASH); needed for direction = "both", and by
+# LinuxCNC
+# backlash_um = 0.0
 """
 
 
 def profile_template(controller: Controller) -> str:
-    """Return the template for one controller; it is refused until every question is answered."""
+    """Return the template for a controller; it is refused until every question is answered."""
     common = _COMMON.format(
         title=controller.title,
         name=controller.name,

@@ -1,4 +1,6 @@
-"""What every control's dialect states, and the one walk that turns passes into its blocks."""
+"""The statements of every control's dialect, and the common walk that turns passes into its
+blocks.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -48,7 +50,7 @@ class Job:
 
 
 class Dialect(ABC):
-    """How one control is spoken to. Subclasses hold no state; ``signals`` are its defaults."""
+    """The dialect of a control. Subclasses hold no state; ``signals`` are its defaults."""
 
     control: str
     title: str
@@ -62,10 +64,10 @@ class Dialect(ABC):
     """Whether every line carries its number, from 0."""
     signals: Signals
     needs: tuple[str, ...]
-    """What the PLC and the control must offer for the default signals, with where that is known from."""
+    """Requirements of the default signals on the PLC and the control, with their source."""
 
     checked: tuple[str, ...]
-    """What the program makes sure of before the first move, and what it cannot see."""
+    """The program's checks before the first move, and its blind spots."""
 
     @abstractmethod
     def file_name(self, job: Job) -> str:

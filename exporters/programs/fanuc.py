@@ -45,7 +45,7 @@ class Fanuc(Dialect):
         return f"({text.upper().replace(':', ' -').replace('_', '-')})"
 
     def number(self, value: float) -> str:
-        """Return the number with a decimal point: without one it counts in input increments."""
+        """Return the number with a decimal point: without a point it counts in input increments."""
         text = plain(value)
         return text if "." in text else text + "."
 

@@ -1,7 +1,8 @@
-"""How a run commissions the 4-DOF head: jogs of the two other axes at both ends, then the operator's hand on the laser.
+"""Commissioning of the 4-DOF head by a run: jogs of the two other axes at both ends, then the
+operator's hand on the laser.
 
-Every place is come to from below in both axes, so that their backlash is in none of the differences. The places and the stands are what
-`stepdiag.fourdof.commission` looks for in the log.
+Every place is approached from below in both axes, so that no difference contains their backlash.
+`stepdiag.fourdof.commission` looks for the places and the stands in the log.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from stepdiag.base.names import AXES
 
 PLACES_MM = (-0.3, -0.15, 0.0, 0.15, 0.3)
 LEAD_MM = -0.4
-"""Where every place is come to from; farther than any backlash below the lowest place."""
+"""Start of the approach to every place, in mm; farther than any backlash below the lowest place."""
 JOG_S, WOBBLE_S, DARK_S = 2.0, 30.0, 5.0
 WOBBLE = "wobble the pointing of the laser gently by hand in both directions until the axes move again. start"
 BLOCK, FREE = "block the beam and leave it blocked. start", "free the beam. start"

@@ -1,4 +1,4 @@
-"""The programs of a survey for one control: the door that the command line uses."""
+"""The programs of a survey for a control: the interface for the command line."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,9 @@ CONTROLS = tuple(_DIALECTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """One NC program: its file name, the setup it drives and the exact bytes of the file (ASCII, the control's line ends)."""
+    """An NC program: its file name, the setup it drives and the exact bytes of the file (ASCII, the
+    control's line ends).
+    """
 
     name: str
     setup: str
@@ -42,11 +44,12 @@ def nc_programs(
     decimals: int | None = None,
     travel_mm: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Program, ...]:
-    """Return one program for each setup of the sequence, in its order.
+    """Return a program per setup of the sequence, in its order.
 
-    ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the decimal places of its input
-    increment in mm. Raises ``UsageError`` for an unknown control, a sequence that cannot be driven, a position that the
-    control would round, and a handshake without the words to wait for it; ``SafetyError`` (code ``beyond-travel.program``) where a program
+    ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the
+    decimal places of its input increment in mm. Raises ``UsageError`` for an unknown control, a
+    sequence that cannot be driven, a position that the control would round, and a handshake without
+    a text that waits for it; ``SafetyError`` (code ``beyond-travel.program``) for a program that
     would leave ``travel_mm``, the software limits by axis (x, y, z), approaches included.
     """
     check(sequence)

@@ -1,4 +1,4 @@
-"""What a survey drives: the ordered stops of every pass, and where each pass begins its approach."""
+"""The path of a survey: the ordered stops of every pass, and the beginning of its approach."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,10 +21,12 @@ LARGEST_COUNT = 32767
 class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
-    ``setups`` are run one program each; a body diagonal measured again through a shifted beam is called ``ppp+1``: it drives the
-    same stops and shows the PLC the same setup number, only the laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders`` and
-    ``targets`` are those of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is how far outside its first
-    stop a pass begins, so that every axis that moves has taken up its backlash; 0 approaches from nowhere.
+    ``setups`` are run by a program each; a body diagonal measured again through a shifted beam is
+    called ``ppp+1``: it drives the same stops and shows the PLC the same setup number, only the
+    laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders`` and ``targets`` are those
+    of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is the distance outside its first stop at
+    which a pass begins, so that every moving axis has taken up its backlash; 0 approaches from
+    nowhere.
     """
 
     name: str
@@ -62,9 +64,10 @@ class Sequence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
-    """One commanded stop. ``axis`` is the axis that moves to it (x, y, z), empty for the first stop of a pass.
+    """A commanded stop. ``axis`` is the axis that moves to the stop (x, y, z), empty for the first
+    stop of a pass.
 
-    ``count`` is the stop counter shown to the PLC: it numbers the stops of the whole survey from 1.
+    ``count`` is the stop counter shown to the PLC, numbering the stops of the whole survey from 1.
     """
 
     stop: int
@@ -84,7 +87,7 @@ class Pass:
     approach_mm: tuple[float, float, float] | None
     stops: tuple[Stop, ...]
     jogs: Mapping[int, tuple[Jog, ...]] = field(default_factory=dict)
-    """What is driven before the move to a stop."""
+    """The jogs driven before the move to a stop."""
 
     @property
     def outward(self) -> bool:
@@ -187,7 +190,9 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
 
 
 def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
-    """Return the jogs by the stop before whose move they stand: those at the near end after its own, at the far end before it."""
+    """Return the jogs by the stop of the move after them: jogs at the near end after its own stop,
+    jogs at the far end before it.
+    """
     near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
     return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}
 

@@ -19,9 +19,11 @@ _TEXTS = tuple(item.name for item in fields(Signals))
 
 TEMPLATE = """\
 
-# [program]                   # only for `stepdiag program`; left out, the plainest means of the control stand
+# only for `stepdiag program`; left out, the plainest means of the control stand
+# [program]
 # decimals = {decimals}                # decimal places of the control's input increment in mm
-# Blocks that tell the PLC where the program stands; {{setup}} and {{count}} are filled in, \\n begins the next block.
+# Blocks that tell the PLC where the program stands; {{setup}} and {{count}} are filled in, \\n
+# begins the next block.
 """
 
 

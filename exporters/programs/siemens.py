@@ -47,7 +47,7 @@ class Siemens(Dialect):
     def start(self) -> list[str]:
         """Return known modes, no tool offset, no transformation, and the halt with its question on the screen.
 
-        The program comes back to its check as often as it is started on: it goes on only where the positions agree.
+        The program returns to its check after every start: it goes on only if the positions agree.
         """
         return [
             "G71 G90 G94 G17 G40 G60 G601",

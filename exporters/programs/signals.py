@@ -1,7 +1,8 @@
-"""How a program tells the PLC where it stands: texts in the control's language, one machine's choice.
+"""A program's signals to the PLC about its place: texts in the control's language, chosen for the
+machine.
 
-Which output, data word or M function is free is known to the machine's builder alone. The defaults are the plainest means
-of each control; a machine that needs others states them as texts with placeholders.
+Only the machine's builder can name a free output, data word or M function. The defaults are the
+plainest means of each control; a machine that needs others states them as texts with placeholders.
 """
 
 import string
@@ -65,7 +66,9 @@ def _placeholders(where: str, text: str) -> list[str]:
 
 
 def _refuse_unprintable(where: str, text: str) -> None:
-    """Refuse what an NC program cannot hold, and texts that stand at every stop and would make it endless."""
+    """Refuse characters that an NC program cannot hold, and texts at every stop that would make it
+    endless.
+    """
     if len(text) > LONGEST_TEXT or any(letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text):
         expected = message("printable-ascii-characters-and", longest_text=LONGEST_TEXT)
         raise UsageError(where, expected=expected, found=repr(excerpt(text)))

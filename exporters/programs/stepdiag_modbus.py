@@ -3,10 +3,12 @@
 
     loadusr -Wn stepdiag /usr/bin/python3 ./stepdiag_modbus.py --host 192.168.1.20 --port 1502
 
-stepdiag.hal beside it holds that line and nets the pins; `stepdiag program --controller linuxcnc` writes both. It shows what the program of
-a survey says (setup, stop counter, stopped), whether the control stands in position, and where the axes are commanded to. Function codes 3
-and 4 read registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: nothing else can be written, and nothing of the
-control can be set but the one input that the program waits for. It needs only the control's own Python (3.7 or newer).
+stepdiag.hal beside it holds this line and nets the pins; `stepdiag program --controller linuxcnc`
+writes both. The component shows the program's state (setup, stop counter, stopped), whether the
+control stands in position, and the commanded positions of the axes. Function codes 3 and 4 read
+registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: nothing else can be
+written, and no input of the control can be set but the single input that the program waits for. The
+component needs only the control's own Python (3.7 or newer).
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ MOST_CLIENTS = 8
 LONGEST_FRAME = 260
 AXES = "xyz"
 USUAL = {"material-c": 20.0, "air-c": 20.0, "pressure-hpa": 1013.25, "humidity-percent": 50.0}
-"""What the hall's readings are until somebody nets a sensor to them; `stepdiag check` shows them."""
+"""The hall's values until a sensor is netted to them; `stepdiag check` shows them."""
 
 
 class Block:

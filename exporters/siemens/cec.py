@@ -18,7 +18,7 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 KIND = "cec"
 TIMES = "times table"
-"""Where a table stands that is multiplied: the index of the one that multiplies it."""
+"""Key of a multiplied table's place: the index of the multiplying table."""
 _AXES = ("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS")
 _GRID = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
 _MODES = ("AN_CEC_DIRECTION", "AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO")
@@ -45,7 +45,8 @@ def assignments(table: Table, profile: Profile, decimals: int, points: int) -> l
 
 
 def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Table, ...]:
-    """Return the CEC tables of a file as they are numbered: one that another multiplies is not yet joined with it.
+    """Return the CEC tables of a file by their numbers: a table multiplied by another is not yet
+    joined with it.
 
     Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis.
     """
@@ -86,7 +87,9 @@ def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignmen
 
 
 def _times(item: Assignment | None) -> dict[str, int]:
-    """Return the index of the table that multiplies this one, from the number that stands in the file; nothing for 0."""
+    """Return the index of the table that multiplies this table, from the number in the file;
+    nothing for 0.
+    """
     number = 0 if item is None else whole(item.value, item.where)
     if item is not None and number < 0:
         raise DataError(item.where, expected=message("table-number"), found=item.value)

@@ -1,7 +1,8 @@
 """SINUMERIK 840D, 840D sl, 828D and ONE: EEC for the positioning errors, CEC for straightness with squareness.
 
-A curve that is corrected for each direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for a positioning error
-(K3 p. 264: the same axis as base and compensated axis). Everything else about the formats is in ``siemens_eec`` and ``siemens_cec``.
+A curve corrected per direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for
+a positioning error (K3 p. 264: the same axis as base and compensated axis). Everything else about
+the formats is in ``siemens_eec`` and ``siemens_cec``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,21 +51,31 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 _WORTH_SAYING_UM = 0.3
-"""What products have to hold before they are offered: about the uncertainty of a good survey."""
+"""Least effect of products in um for an offer: about the uncertainty of a good survey."""
 _TEMPLATE = """\
 [siemens]
-measuring_system = "?"        # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
-# eec_points = { X = 100, Y = 100, Z = 100 }   # MD38000 of each axis; then surplus points are written as 0
+# 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
+measuring_system = "?"
+# MD38000 of each axis; then surplus points are written as 0
+# eec_points = { X = 100, Y = 100, Z = 100 }
 # cec_points = 100            # MD18342, the same for every table used here (828D: 200)
-# cec_tables_held = 8         # how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
-# cec_max_velo = 0.1          # MD32730 of the compensated axes: the slope of CEC tables is judged by it
+# how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
+# cec_tables_held = 8
+# MD32730 of the compensated axes: the slope of CEC tables is judged by it
+# cec_max_velo = 0.1
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
-# cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
-# products = false            # true: tables that multiply each other hold what angles do with their levers (sign test of cec-product)
-# old_enabled = false         # were the tables in machine.existing switched on before this loading (MD32700; MD32710 with SD41300)? Where
-#                             # they differ, back them up with these switches: what the files hold counts
-# old_weight = 1.0            # the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
-# cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
+# index by function; two indices where each direction has its own table
+# cec_tables = { EYX = [2] }
+# true: tables that multiply each other hold what angles do with their levers (sign test of
+# cec-product)
+# products = false
+# were the tables in machine.existing switched on before this loading (MD32700; MD32710 with
+# SD41300)? Where they differ, back them up with these switches: what the files hold counts
+# old_enabled = false
+# the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
+# old_weight = 1.0
+# sense of the CEC tables: the manual does not state it, the sign test does
+# cec_sense = "as-error"
 # decimals = 4                # places in mm
 # metric_line = false         # true: begin data files with METRIC, as backups of some controls do
 """
@@ -98,7 +109,9 @@ class Siemens:
         return self._numbered_plan(curves, (), profile, ())
 
     def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
-        """Return the same, and products after them: as many of both as the control has tables, those that are worth most."""
+        """Return the same, and products after them: as many of both as the control has tables, the
+        most valuable first.
+        """
         options = profile.options_as(SiemensOptions)
         if not options.products:
             plan = self.plan(curves, profile)
@@ -125,13 +138,20 @@ class Siemens:
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
         options = profile.options_as(SiemensOptions)
+        acted = profile.machine.measured_with == "on"
         eec_loads = [
-            Load(table=table, lines=eec.assignments(table, options.decimals, options.eec_points.get(table.input_axis, 0)))
+            Load(table=table, lines=eec.assignments(table, options.decimals, points), held=restore.held_lines(table, profile), acted=acted)
             for table in tables
             if table.kind == eec.KIND
+            for points in [options.eec_points.get(table.input_axis, 0)]
         ]
         cec_loads = [
-            Load(table=table, lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0))
+            Load(
+                table=table,
+                lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0),
+                held=restore.held_lines(table, profile),
+                acted=acted,
+            )
             for table in numbered([table for table in tables if table.kind != eec.KIND])
         ]
         files: list[ControlFile] = []
@@ -161,9 +181,11 @@ class Siemens:
         return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables that act: the EEC of each axis for the measuring system in use, and CEC tables by number, linked as they stand.
+        """Return the active tables: the EEC of each axis for the measuring system in use, and CEC
+        tables by number, linked as stored.
 
-        The table that multiplied another one acts by itself where that one is overwritten: nothing takes it out.
+        A multiplying table acts by itself once its multiplied table is overwritten: nothing takes
+        it out.
         """
         held: dict[tuple[str, str], Table] = {}
         for file in (*own, *new):
@@ -185,7 +207,7 @@ class Siemens:
         return zeroed([replace(table, place={key: value for key, value in table.place.items() if key != cec.TIMES}) for table in gone])
 
     def _numbered_in(self, file: ControlFile, profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of a file as the control numbers them, those that multiply another among them."""
+        """Return the tables of a file by the control's numbers, multiplying tables among them."""
         return eec.read_tables(file, profile) + cec.read_tables(file, profile, profile.options_as(SiemensOptions).cec_sense)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
@@ -218,7 +240,7 @@ class Siemens:
         return file.name != read_back.NAME and (b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return one row a point: the point numbers are those of the control."""
+        """Return a row per point: the point numbers are those of the control."""
         if table.multiplier is None:
             return plain_rows(table)
         ends = zip(table.multiplier.position_mm, table.multiplier.value, strict=True)
@@ -231,7 +253,7 @@ class Siemens:
         return (
             "Back up NC data and machine data. Changing MD38000 or MD18342 reformats the static memory at the next start.",
             f"Check that measuring system {system} is the one in use, and that MD38000 and MD18342 hold at least the points of each table.",
-            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes, switch off, write, switch on.",
+            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes and what the control holds, switch off, write, switch on.",
             "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
             "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
             "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
@@ -269,7 +291,7 @@ def _curve_tables(curve: Curve, profile: Profile, options: SiemensOptions, numbe
 
 
 def _cec_tables(curve: Curve, profile: Profile) -> int:
-    """Return how many CEC tables a curve takes: none for a positioning error that one EEC table holds."""
+    """Return the number of CEC tables of a curve: none for a positioning error in an EEC table."""
     directional = is_directional(curve, profile)
     return 2 if directional else 0 if curve.name in POSITIONING else 1
 

@@ -98,7 +98,7 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
 
 
 def require_full_effect(file: ControlFile, table: Message, switches: Iterable[str], weight: str) -> None:
-    """Raise ``DataError`` where a part program leaves a table that says something switched off, or weighs it.
+    """Raise ``DataError`` if a part program leaves a table with values switched off, or weighs it.
 
     ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``; the last assignment counts.
     """
@@ -128,10 +128,11 @@ def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
 
 
 def grid_mm(start: float, step: float, end: float, written: int, where: str) -> list[float]:
-    """Return the positions of a table as the control uses them, ``end`` included.
+    """Return the positions of a table in the control, ``end`` included.
 
-    A table made elsewhere may end between two points (controllers.md 3.2, MAX 950 with STEP 100): its last position is then the end.
-    Raises ``DataError`` for a grid that cannot be, or that needs more than the ``written`` points.
+    A table made elsewhere may end between two points (controllers.md 3.2, MAX 950 with STEP 100):
+    its last position is then the end. Raises ``DataError`` for an impossible grid, or a grid that
+    needs more than the ``written`` points.
     """
     if step <= 0 or end <= start:
         raise DataError(where, expected=message("step-above"), found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}")

@@ -15,7 +15,9 @@ from stepdiag.exporters.tables.tables import Table, require_rising
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points:
-    """What a table holds: ``value_um`` at ``position_mm``, both of shape (N,), written to ``quantum_um``."""
+    """The points of a table: ``value_um`` at ``position_mm``, both of shape (N,), written to
+    ``quantum_um``.
+    """
 
     position_mm: Vector
     value_um: Vector
@@ -62,6 +64,8 @@ def read_points(written: Mapping[int, Assignment], step_mm: float, start_mm: flo
 
 
 def _quantum_um(written: Mapping[int, Assignment]) -> float:
-    """Return one unit of the last decimal that a file writes, in um; at least the 0.1 um of four decimals."""
+    """Return the unit of the last decimal written in a file, in um; at least the 0.1 um of four
+    decimals.
+    """
     decimals = max((len(item.value.partition(".")[2]) for item in written.values()), default=4)
     return 1000.0 * 10.0 ** -max(decimals, 4)

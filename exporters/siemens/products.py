@@ -1,10 +1,12 @@
-"""SINUMERIK products: what angles do with their levers, by one CEC table that is multiplied by another.
+"""SINUMERIK products: the effect of angles with their levers, by a CEC table multiplied by another.
 
-Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the output axis (p. 245), and
-``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by which table t is multiplied (p. 249). In the example of p. 252
-a tilt along X1, times a straight line along Z1, is all that moves X1: two linked tables give their product and nothing of their own.
-The manual does not say it in so many words. So both tables hold about as much, a tenth of a millimetre, and not an error beside a factor
-of one: on a control that adds the tables themselves the sign test moves the axis by that much, says so, and breaks nothing.
+Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
+output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
+which table t is multiplied (p. 249). In the example of p. 252 a tilt along X1, times a straight
+line along Z1, is the only cause of X1's movement: two linked tables give their product and nothing
+of their own. The manual does not state this explicitly. So both tables hold about as much, a tenth
+of a millimetre, and not an error beside a factor of one: on a control that adds the tables
+themselves the sign test moves the axis by this much, reports it, and breaks nothing.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,9 +27,11 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 KIND = "cec-product"
 LEVER_MM = 0.1
-"""The largest value of the table that multiplies; the other one holds the movement divided by it, read in millimetres."""
+"""Largest value of the multiplying table in mm; the other table holds the movement divided by this
+value, in millimetres.
+"""
 _MOST = 12
-"""Products that are weighed against each other: more than the angles of a machine with three axes are worth."""
+"""Products weighed against each other: more than the useful angles of a machine with three axes."""
 
 
 def product_table(product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]) -> Table:
@@ -54,7 +58,9 @@ def product_table(product: Product, profile: Profile, law: Law, decimals: int, p
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """What was chosen for the tables that a control has: names of the curves that stay, the products, and what was left out."""
+    """The choice for the tables of a control: names of the curves that stay, the products, and the
+    parts left out.
+    """
 
     curves: tuple[str, ...]
     products: tuple[Product, ...]
@@ -62,10 +68,12 @@ class Budget:
 
 
 def chosen(curves: Sequence[Curve], tables_of: Mapping[str, int], products: Sequence[Product], tables: int | None) -> Budget:
-    """Return the curves and products that are worth most within ``tables`` CEC tables (None: as many as there are).
+    """Return the most valuable curves and products within ``tables`` CEC tables (None: without a
+    limit).
 
-    ``tables_of`` says how many CEC tables each curve takes. A product takes one, and one more for its lever, which products of the same
-    lever and output axis share. What is left out of orthogonal parts adds up in squares: the choice is the one that leaves least.
+    ``tables_of`` gives the number of CEC tables of each curve. A product takes a table, and another
+    for its lever, shared by products of the same lever and output axis. Omitted orthogonal parts
+    add up in squares: the choice leaves the least sum.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
@@ -131,7 +139,7 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
 
 
 def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
-    """Return the table that multiplies, as the control holds it."""
+    """Return the multiplying table in the control's form."""
     return replace(
         table, input_axis=multiplier.axis, position_mm=multiplier.position_mm, value_um=multiplier.value * LEVER_MM * 1000.0,
         direction=0, multiplier=None, place={"table": number},
@@ -139,9 +147,10 @@ def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
 
 
 def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
-    """Return the tables with every two that are linked as one product; those that only multiply are gone.
+    """Return the tables with every linked pair as a product; tables that only multiply are gone.
 
-    Raises ``DataError`` for a link to a table that is not there, that is linked itself, or that does not move the same axis.
+    Raises ``DataError`` for a link to a missing table, to a linked table, or to a table that does
+    not move the same axis.
     """
     by_number = {int(table.place["table"]): table for table in tables if table.kind == cec.KIND}
     linked = {number: int(table.place[TIMES]) for number, table in by_number.items() if TIMES in table.place}

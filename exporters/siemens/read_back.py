@@ -1,9 +1,12 @@
-"""The part program that writes out what a SINUMERIK holds: every table of an export with its switches and weight, as assignments.
+"""The part program that writes out the contents of a SINUMERIK: every table of an export with its
+switches and weight, as assignments.
 
-The file that it leaves has the form of a data file, so that everything that reads the machine's own files reads it. WRITE appends a line to
-a file of the passive file system, no longer than MD11420 allows (NC Programming, SINUMERIK ONE, p. 566); how many digits a number has that
-"<<" joins to a text is not stated there. DELETE with a fault and a path is read in a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). Recalled: AXSTRING, the name of an axis as a text.
+Its file has the form of a data file, so that every reader of the machine's own files reads it.
+WRITE appends a line to a file of the passive file system, no longer than MD11420 allows (NC
+Programming, SINUMERIK ONE, p. 566); the number of digits of a number joined to a text by "<<" is
+not stated there. DELETE with a fault and a path is read in a published program for the 810D
+(industrialmonitordirect.com, deleting programs with an invalid name). Recalled: AXSTRING, the name
+of an axis as a text.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +26,9 @@ _EEC_GRID = ("STEP", "MIN", "MAX", "IS_MODULO")
 
 
 def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
-    """Return the part program for the tables of an export; it changes nothing in the control but the file that it writes."""
+    """Return the part program for the tables of an export; the program changes nothing in the
+    control but its own file.
+    """
     body = [line for table in numbered(tables) for line in _of_table(table, profile)]
     head = [
         f"; READ BACK: writes what the control holds into {HELD}.MPF; save that as {HELD}.INI for `stepdiag verify --read-back`",
@@ -44,7 +49,7 @@ def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
 
 
 def _of_table(table: Table, profile: Profile) -> Iterator[str]:
-    """Yield the lines that write one table: points, grid, axes, switches."""
+    """Yield the lines that write a table: points, grid, axes, switches."""
     if table.kind == eec.KIND:
         system, axis = int(table.place["measuring system"]) - 1, table.place["axis"]
         yield from _points(f"$AA_ENC_COMP[{system},", f",{axis}]", table)

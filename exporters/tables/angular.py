@@ -1,12 +1,15 @@
-"""Angles as columns of their own, for controls that know the chain of the axes and turn what stands on an axis by its angles.
+"""Angles as columns of their own, for controls with the chain of the axes that turn the parts on an
+axis by its angles.
 
-Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The fit (`fit`) speaks of the same field as
-curves and as products with levers from the middle of the volume. From one to the other, for an angle that is zero at the reference:
+Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The
+fit (`fit`) has the same field as curves and as products with levers from the middle of the volume.
+From the latter to the former, for an angle that is zero at the reference:
 
     g(a) (b - middle) = [g(a) - g(ref)] b  +  g(ref) b  -  g(a) middle
 
-The first summand is the column of the angle, the others are curves along b and along a. Where the control counts the travel of an
-axis itself among the levers of its angles, what that adds is taken off the curve.
+The first summand is the column of the angle, the others are curves along b and along a. If the
+control counts the travel of an axis itself among the levers of its angles, its addition is taken
+off the curve.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +36,9 @@ _LETTERS, _TURNS = "XYZ", "ABC"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Angle:
-    """One angular function as a control gets it: ``name`` such as EAX, on the grid of its axis, zero at the reference."""
+    """An angular function for a control: ``name`` such as EAX, on the grid of its axis, zero at the
+    reference.
+    """
 
     name: str
     position_mm: Vector
@@ -42,7 +47,7 @@ class Angle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The curves and angles of one machine; together they move the tool as the fit wants it."""
+    """The curves and angles of a machine; together they move the tool by the fit."""
 
     curves: tuple[Curve, ...]
     angles: tuple[Angle, ...]
@@ -67,8 +72,8 @@ def require_chain(result: Result, profile: Profile) -> None:
 def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile) -> Columns:
     """Return curves and angles for a control with these ``levers`` (`levers_of`).
 
-    Without curves (a sign test) the angles stand alone. Raises ``UsageError`` where a function is missing that the angles need, or where a
-    product has a lever that the control does not know.
+    Without curves (a sign test) the angles stand alone. Raises ``UsageError`` if a function needed
+    by the angles is missing, or a product has a lever unknown to the control.
     """
     missing = [name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}]
     if missing:
@@ -98,7 +103,9 @@ def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vec
 def _relative_urad(
     products: Sequence[Product], moving: int, turn: int, levers: Vector, profile: Profile, grid: Vector
 ) -> Vector | None:  # fmt: skip
-    """Return an angle without its mean, from the first product that holds it; None where none does."""
+    """Return an angle without its mean, from the first product with this angle; None without such a
+    product.
+    """
     for product in products:
         output, by = _LETTERS.index(product.output_axis), _LETTERS.index(product.by_axis)
         sign = _sign(turn, by, output)
@@ -159,7 +166,9 @@ def angle_tables(
     quantum_urad: float,
     place: Mapping[str, int | str],
 ) -> Iterator[Table]:
-    """Yield what the control makes of a column: a product table for each axis that it moves and each lever; ``laws`` by output axis."""
+    """Yield the control's effect of a column: a product table for each moved axis and each lever;
+    ``laws`` by output axis.
+    """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for by in np.flatnonzero(levers[moving]):
         letter = _LETTERS[by]

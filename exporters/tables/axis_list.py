@@ -1,6 +1,8 @@
-"""A control whose tables are keyed in by hand: one list an axis with the error in + and in - direction, declared rather than programmed.
+"""A control whose tables are keyed in by hand: a list per axis with the error in + and in -
+direction, declared rather than programmed.
 
-What differs between such controls is a name, a heading, a law and sizes (`AxisList`). No cross table: straightness stays in the machine.
+Such controls differ in a name, a heading, a law and sizes (`AxisList`). No cross table:
+straightness stays in the machine.
 """
 
 from collections.abc import Iterator, Sequence
@@ -88,7 +90,9 @@ class AxisList:
         return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "this list"), *self.remarks))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return one list for each axis. Raises ``SafetyError`` (``direction-unfit.column``) where zeros would be read as no column."""
+        """Return a list per axis. Raises ``SafetyError`` (``direction-unfit.column``) for zeros
+        that would be read as a missing column.
+        """
         by_axis = {letter: [table for table in tables if table.input_axis == letter] for letter in profile.axes}
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
@@ -97,7 +101,7 @@ class AxisList:
         return tuple(table for file in files for table in self._read(file, profile))
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the lists that act: one an axis."""
+        """Return the active lists: one an axis."""
         return overwritten(self.parse(own, profile), self.parse(new, profile), lambda table: table.input_axis)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:

@@ -1,4 +1,5 @@
-"""What every controller module offers: plan, render, parse, and the law by which its control applies a table.
+"""The interface of every controller module: plan, render, parse, and the law by which its control
+applies a table.
 
 curves --plan--> tables --render--> files          (export)
 files  --parse-> tables --law-----> correction     (verify, merge, sign test)
@@ -18,8 +19,10 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
 PLAUSIBLE_SLOPE_UM_MM = 0.8
-"""What no guideway or screw exceeds along its travel, where a control has no limit (controllers.md 10.4): 800 urad, twice what
-`exporters.tables.profile.WARN_UM_M` has for a whole axis, for straightness bends and holds the squareness too."""
+"""Largest plausible slope of a guideway or screw along its travel, for a control without a limit
+(controllers.md 10.4): 800 urad, twice what `exporters.tables.profile.WARN_UM_M` has for a whole
+axis, for straightness bends and holds the squareness too.
+"""
 PLAUSIBLE_STEP_UM = 6.0
 """From one measured value to the next so much is plausible beside it, however close they are: peak to peak of a screw's waves of 3 um, or
 four times the scatter of a difference of two values on a poor machine."""
@@ -32,13 +35,15 @@ def plausible_slope_um_mm(measured_mm: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What the control itself accepts; None where it sets no limit.
+    """Limits of the control itself; None without a limit.
 
-    ``points``: most points in one table; ``neighbour_um``: largest change from point to point; ``neighbour_um_mm``:
-    the same per mm of spacing; ``value_um``: largest value; ``tables``: most tables of a kind. ``slope_um_mm`` is
-    the control's own limit of the slope, or "plausible"; None where the control's limit of neighbours says more. ``reference_um`` is what
-    the table holds at the reference on purpose, because it takes over something else that the control does there. ``ends_backlash``: the
-    control's own backlash compensation stops where this table acts, so the two cannot hold the reversal error twice.
+    ``points``: most points in one table; ``neighbour_um``: largest change from point to point;
+    ``neighbour_um_mm``: the same per mm of spacing; ``value_um``: largest value; ``tables``: most
+    tables of a kind. ``slope_um_mm`` is the control's own limit of the slope, or "plausible"; None
+    if the control's limit of neighbours decides. ``reference_um`` is the table's intended value at
+    the reference, in place of another compensation of the control. ``ends_backlash``: the control's
+    own backlash compensation stops wherever this table acts, so the two cannot hold the reversal
+    error twice.
     """
 
     points: int | None = None
@@ -53,10 +58,11 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The tables of one export, with what the planning has to say about them.
+    """The tables of an export, with the remarks of the planning.
 
-    ``listed`` are tables that no file can hold: they stand in the report, to be entered by hand. ``options`` are the profile's
-    with every choice that the planning made, None where it made none; ``render`` and ``parse`` need them.
+    ``listed`` are tables without a file: they stand in the report, to be entered by hand.
+    ``options`` are the profile's with every choice of the planning, None without choices;
+    ``render`` and ``parse`` need them.
     """
 
     tables: tuple[Table, ...]
@@ -67,7 +73,7 @@ class Plan:
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """A control that can multiply one table by another."""
+    """A control that can multiply a table by another."""
 
     def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
         """Return the tables for the curves, and for the products as far as the profile wants them and the control has tables."""
@@ -78,12 +84,16 @@ class Pairing(Protocol):
     """A control whose squareness is one number for both functions of a pair of axes: neither is corrected without the other."""
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return functions with the partners of those that hold a squareness; ``fold`` says which do."""
+        """Return functions with the partners of the functions with a squareness; ``fold`` names
+        these functions.
+        """
 
 
 @runtime_checkable
 class Emptying(Protocol):
-    """A control on which an old table that nothing overwrites can be emptied, so that it does not act beside the new ones."""
+    """A control on which an old table that nothing overwrites can be emptied, so that the old table
+    does not act beside the new tables.
+    """
 
     def emptied(self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile) -> tuple[Table, ...]:
         """Return tables of zeros for every seat of ``own`` from which something would act that ``tables`` does not count on."""
@@ -91,7 +101,7 @@ class Emptying(Protocol):
 
 @runtime_checkable
 class Reporting(Protocol):
-    """A control that can write out what it holds."""
+    """A control that can write out its contents."""
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the programs that write out what the control holds of these tables, switches and weights included."""
@@ -129,7 +139,9 @@ class Controller(Protocol):
 
     @property
     def options_template(self) -> str:
-        """Return that section as commented TOML, header line included; a value that must be asked stands as "?"."""
+        """Return this section as commented TOML, header line included; an open question stands as
+        "?".
+        """
 
     def quick_options(self) -> msgspec.Struct:
         """Return the options for a quick look without a profile (contract 5), every assumption in them stated by ``plan``."""
@@ -146,7 +158,7 @@ class Controller(Protocol):
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the files for the control, ``notes`` as comments at the head of every file that may hold comments.
 
-        Notes are plain ASCII, one line each. Raises ``SafetyError`` where a needed template is missing.
+        Notes are plain ASCII, a line each. Raises ``SafetyError`` if a needed template is missing.
         """
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -156,17 +168,19 @@ class Controller(Protocol):
         """
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables that act once ``new`` has been loaded into a control that held ``own``; with nothing new, those of ``own``.
+        """Return the active tables after loading ``new`` into a control that held ``own``; without
+        new files, the tables of ``own``.
 
-        A table gives way to what takes its seat (a number, a pair of axes, a file name, as this control keeps them) and to nothing else.
-        Raises ``DataError`` as `parse` does.
+        A table gives way to a table on its seat (a number, a pair of axes, a file name, by the rule
+        of this control) and to nothing else. Raises ``DataError`` as `parse` does.
         """
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the files that bring the control back to where it was before ``tables`` were loaded.
+        """Return the files that bring the control back to its state before ``tables`` were loaded.
 
-        The machine's own files byte for byte, and for every table that they lack what takes it out of effect. Names are those that the
-        control knows; ``profile`` carries the choices that the planning of the tables made.
+        The machine's own files byte for byte, and for every table missing in them a file that takes
+        it out of effect. Names are those of the control; ``profile`` carries the choices that the
+        planning of the tables made.
         """
 
     def recognises(self, file: ControlFile) -> bool:

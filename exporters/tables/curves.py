@@ -1,9 +1,11 @@
-"""From a result to neutral curves e(p): the error of one output axis as a function of the position of one input axis.
+"""From a result to neutral curves e(p): the error of an output axis as a function of the position
+of an input axis.
 
-A curve says what the machine does wrong, in the + direction of the output axis, before any controller's sense, unit
-or differencing enters: ``e = actual - commanded`` (contract 1). Nine curves describe a three-axis machine without
-its angular errors: three positioning errors and six straightness errors. Each squareness is one number for two axes; as
-a displacement it may be written into the straightness of either axis of the pair, and into exactly one of them.
+A curve is the error of the machine, in the + direction of the output axis, before any controller's
+sense, unit or differencing enters: ``e = actual - commanded`` (contract 1). Nine curves describe a
+three-axis machine without its angular errors: three positioning errors and six straightness errors.
+Each squareness is a single number for two axes; as a displacement it may be written into the
+straightness of either axis of the pair, and into exactly one of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +21,7 @@ from stepdiag.base.volume import Vector
 
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
-"""The nine functions that a table of one input and one output axis can correct."""
+"""The nine functions that a table with an input and an output axis can correct."""
 SIGNIFICANT = 3.0
 """Reversal beyond this many standard uncertainties at one of some ten positions is no chance."""
 
@@ -36,16 +38,20 @@ contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 
 KEPT = "the table in the control"
-"""The part of a curve that an old table holds, of a function that nobody asked for: it is written again as it was."""
+"""The part of a curve held by an old table, of a function outside the request: it is written again
+unchanged.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """The error of one output axis along one input axis, as shown by ``name`` (``EYX``: Y error along X).
+    """The error of an output axis along an input axis, as shown by ``name`` (``EYX``: Y error along
+    X).
 
-    ``forward_um`` belongs to travel in the + direction of the input axis, ``reverse_um`` to the - direction; None
-    where the measurement does not separate them. ``u_um`` is the standard uncertainty, NaN where unknown. ``parts`` names what
-    was added together. ``slope_known`` is False where only the shape was identified and the end-point line is missing.
+    ``forward_um`` belongs to travel in the + direction of the input axis, ``reverse_um`` to the -
+    direction; None if the measurement does not separate them. ``u_um`` is the standard uncertainty,
+    NaN where unknown. ``parts`` names the summands. ``slope_known`` is False where only the shape
+    was identified and the end-point line is missing.
     """
 
     name: str
@@ -86,10 +92,12 @@ class Curve:
 
 
 def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT) -> tuple[Curve, ...]:
-    """Return the curves called ``names``, each squareness added to the one straightness curve that ``fold`` names.
+    """Return the curves called ``names``, each squareness added to the straightness curve in
+    ``fold``.
 
-    Raises ``DataError`` for a function or squareness that the result does not identify, and ``UsageError`` for a
-    name that is no function of a three-axis machine or a fold into a function of another pair.
+    Raises ``DataError`` for a function or squareness that the result does not identify, and
+    ``UsageError`` for a name outside the functions of a three-axis machine or a fold into a
+    function of another pair.
     """
     if len(set(names)) != len(names):
         raise UsageError("functions", expected=message("function-once"), found=", ".join(names))
@@ -98,7 +106,7 @@ def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[st
 
 
 def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]) -> dict[str, dict[str, float]]:
-    """Return, per function, the slope in um/mm that each squareness adds."""
+    """Return, per function, the slope in um/mm added by each squareness."""
     slopes: dict[str, dict[str, float]] = {}
     for squareness, target in fold.items():
         pair = SQUARENESS_SLOPE.get(squareness, {})
@@ -153,8 +161,9 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 def _significant(name: str, reversal: Function) -> bool:
     """Return whether a reversal is more than chance somewhere, and in the axis' own direction whole.
 
-    Where the passes share no zero, a positioning function's reversal is known from its first position on only (u = 0 there): a table for
-    each direction would leave its constant part out, with the backlash parameter at zero beside it.
+    If the passes share no zero, a positioning function's reversal is known only from its first
+    position on (u = 0 there): a table per direction would leave its constant part out, with the
+    backlash parameter at zero beside it.
     """
     if reversal.u is None or reversal.value is None:
         return reversal.value is not None

@@ -1,13 +1,15 @@
 """The curves and products that fit the error field over the volume best, in the sense of least squares.
 
-A table of one axis is one curve for the whole volume, but an angular error moves the tool by its lever: on the line where a function was
-measured it has one size, on the opposite edge another. Written out, the field of rigid bodies (theory 2.2) is a sum of curves and of terms
-``alpha(a) (b - b_0)``, an angle of axis a times a lever along axis b. With bars for the mean over the volume,
+A table of an axis is a single curve for the whole volume, but an angular error moves the tool by
+its lever: on the line of the measurement it has one size, on the opposite edge another. Written
+out, the field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``,
+an angle of axis a times a lever along axis b. With bars for the mean over the volume,
 
     alpha(a) (b - b_0) = alpha(a) (b_bar - b_0)  +  alpha_bar (b - b_bar)  +  (alpha(a) - alpha_bar) (b - b_bar)
 
-The first two summands are curves. The third is orthogonal to every curve, so that the curves with the first two added are the best fit of
-the whole field, and the third is what only a control with products of two tables, or with a lattice, can hold.
+The first two summands are curves. The third is orthogonal to every curve, so that the curves with
+the first two added are the best fit of the whole field, and only a control with products of two
+tables, or with a lattice, can hold the third.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,15 +35,17 @@ _NOTHING_UM = 1e-3
 """A product that moves the tool by less than a nanometre is none."""
 
 Zone = Mapping[str, tuple[float, float]]
-"""Where the fit has to be good, by axis letter: lowest and highest position in mm."""
+"""The zone of the best fit, by axis letter: lowest and highest position in mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """What only the product of two tables holds: ``value_um`` along the input axis, times a lever along ``by_axis``.
+    """The part of the error that only the product of two tables holds: ``value_um`` along the input
+    axis, times a lever along ``by_axis``.
 
-    The error of the output axis is ``value_um * (b - middle_mm) / half_mm``: ``value_um`` is what it is at the end of the fitted zone
-    along ``by_axis``. ``rms_um`` is its length over that zone: what is left there without it. ``u_um`` is the standard uncertainty.
+    The error of the output axis is ``value_um * (b - middle_mm) / half_mm``: ``value_um`` is the
+    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is its length over this zone:
+    the residue without the product. ``u_um`` is the standard uncertainty.
     """
 
     output_axis: str
@@ -91,8 +95,9 @@ def fitted(
 ) -> Fitted:
     """Return the curves called ``names`` and the products that fit the field of the result over ``zone`` (the volume without one).
 
-    ``active`` are product tables that acted while the result was measured: without them the machine would have erred by more. Raises
-    ``DataError`` and ``UsageError`` as `curves_of` does, and ``UsageError`` for a zone outside the measured volume.
+    ``active`` are product tables that acted during the measurement: without them the machine would
+    have erred by more. Raises ``DataError`` and ``UsageError`` as `curves_of` does, and
+    ``UsageError`` for a zone outside the measured volume.
     """
     ends = _ends(result.volume, zone or {})
     terms = [*_angular(result), *(_of_table(table) for table in active)]
@@ -173,7 +178,7 @@ def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Added:
-    """What the levers add to one curve, zero at its first position."""
+    """The levers' addition to a curve, zero at its first position."""
 
     position_mm: Vector
     value_um: Vector
@@ -214,7 +219,9 @@ def _added(terms: Sequence[_Term], output: str, moving: str, ends: Sequence[tupl
 
 
 def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _Added]:
-    """Return the same with the slopes of each pair of axes in the one curve that ``fold`` names: the rest is a turn of the workpiece."""
+    """Return the same with the slopes of each pair of axes in the curve named by ``fold``: the rest
+    is a turn of the workpiece.
+    """
     result = dict(added)
     for squareness, target in fold.items():
         (other,) = [name for name in SQUARENESS_SLOPE.get(squareness, {}) if name != target] or [target]

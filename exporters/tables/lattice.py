@@ -23,6 +23,7 @@ from stepdiag.exporters.tables.profile import whole_steps
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
 _DECIMALS = 3
+"""Decimals of a vector in um: a nanometre, below every resolution of a control."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,16 +45,18 @@ class Lattice:
 
 
 def _cell(axis: Vector, at: Vector) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.int64]], Vector]:
-    """Return the lower vertex of the cell of each position, and how far into the cell it lies (0 to 1)."""
+    """Return the lower vertex of the cell of each position, and the position within the cell (0 to
+    1).
+    """
     inside = np.clip(at, axis[0], axis[-1])
     low = np.clip(np.searchsorted(axis, inside, side="right") - 1, 0, len(axis) - 2).astype(np.int64)
     return low, (inside - axis[low]) / (axis[low + 1] - axis[low])
 
 
 def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
-    """Return the lattice over the measured volume in steps, one for all axes or one for each.
+    """Return the lattice over the measured volume in steps, a common step or one per axis.
 
-    Raises ``SafetyError`` where one does not fit, ``DataError`` where the axes were measured alone.
+    Raises ``SafetyError`` for a step that does not fit, ``DataError`` for axes measured alone.
     """
     if not result.volume.solid:
         raise DataError(f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone"))

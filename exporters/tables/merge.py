@@ -1,8 +1,10 @@
-"""Merging a new measurement with the table that was active while it was made (controllers.md 9).
+"""Merging a new measurement with the table active during the measurement (controllers.md 9).
 
-The residual r was measured WITH the old correction A_old; without it the machine would have erred by e = r - A_old. A new table for e
-replaces the old one. This holds for every sense and for incremental data, because A_old is what the control's law makes of the file.
-Old and new are taken as functions and evaluated on the new grid; the planning zeroes the result at the reference and quantises it once.
+The residual r was measured WITH the old correction A_old; without A_old the machine would have
+erred by e = r - A_old. A new table for e replaces the old one. The formula holds for every sense
+and for incremental data, because A_old is the control's effect by its law. Old and new are taken as
+functions and evaluated on the new grid; the planning zeroes the result at the reference and
+quantises once.
 """
 
 from collections.abc import Sequence
@@ -21,7 +23,8 @@ from stepdiag.exporters.tables.tables import Table, summed_um
 def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:
     """Return the curves of the machine without the ``active`` tables.
 
-    Raises ``SafetyError`` (``direction-unfit.active``) where an active table acts in one direction only and the new one would act in both.
+    Raises ``SafetyError`` (``direction-unfit.active``) if an active table acts in a single
+    direction and the new table would act in both.
     """
     return tuple(_merged(curve, [table for table in active if table.name == curve.name], profile) for curve in curves)
 

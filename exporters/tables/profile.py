@@ -1,7 +1,7 @@
-"""The controller profile: everything about one machine that an export must know and must not guess.
+"""The controller profile: every fact about a machine that an export must not guess.
 
-A profile is a TOML file. What has no default is asked: the template holds ``"?"`` in its place, and an unanswered question
-refuses the profile (`exporters.profiles.file` reads it).
+A profile is a TOML file. A field without a default is a question: the template holds ``"?"`` in its
+place, and an unanswered question refuses the profile (`exporters.profiles.file` reads it).
 """
 
 import json
@@ -29,21 +29,25 @@ NEARLY_MM = 0.01
 MOST_SECTIONS = 20_000
 """Sections of one axis: 20 m in millimetres; no control holds as many."""
 WARN_UM_M = 400.0
-"""Errors that grow with the travel stay below this on a poor machine (k = 3): squareness 100 urad or scale 50 um/m, growth 60 um/m, and a
-hall 5 C from 20 C (`CLASSES`). Above it a correction has to be accepted, above twice as much it is refused."""
+"""Errors that grow with the travel stay below this on a poor machine (k = 3): squareness 100 urad
+or scale 50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). Above this limit a
+correction has to be accepted, above twice the limit it is refused.
+"""
 CHANGE_UM_M = 80.0
 """Growth of a poor machine (60 um/m, k = 1) and the drift beside it."""
 SHORTEST_TRAVEL_MM = 500.0
 """Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 200, 400 and 40 um."""
 AxisName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")]
-"""It stands in files for the control and in the names of some: nothing in it may be taken for anything else."""
+"""The name stands in files for the control and in names of files: its characters have no other
+meaning there.
+"""
 Line = Annotated[
     str,
     msgspec.Meta(
         max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"
     ),
 ]
-"""What a report says in a line of its own cannot become several."""
+"""A text that the report shows in a single line cannot become several lines."""
 PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
 
 
@@ -105,9 +109,11 @@ class TravelLimits:
 
 
 class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """One ``[[sign_test]]``: for one kind of table, when its sense was tried, on what, with which files, and what it showed.
+    """A ``[[sign_test]]`` of a kind of table: the date of the test of its sense, machine, files,
+    and result.
 
-    One that does not name machine, control, bump and runs is read and contradicts, but is no evidence.
+    A test that does not name machine, control, bump and runs is read and contradicts, but is no
+    evidence.
     """
 
     kind: str
@@ -132,8 +138,9 @@ def _toml(value: str | date | list[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed`` says that nobody wrote
-    this profile: it stands in for one in a quick look with ``--step-mm`` alone."""
+    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed``: no
+    profile was written; this is a stand-in for a quick look with ``--step-mm`` alone.
+    """
 
     machine: MachineSection
     axes: Mapping[str, AxisSection]
@@ -158,7 +165,9 @@ class Profile:
 
     @property
     def zone(self) -> dict[str, tuple[float, float]]:
-        """Return, by axis, the part of the travel where the tables have to fit best, for the axes that name one."""
+        """Return, by axis, the part of the travel with the best fit of the tables, for axes with a
+        zone.
+        """
         return {letter: axis.working_mm for letter, axis in self.axes.items() if axis.working_mm is not None}
 
     def letter_of(self, name: str, where: str) -> str:

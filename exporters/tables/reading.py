@@ -1,4 +1,4 @@
-"""Tables out of files, each once: what stands in two files that act together would count twice."""
+"""Tables out of files, each once: a table in two active files would count twice."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,9 @@ from stepdiag.exporters.tables.tables import Table
 
 
 def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-    """Return the tables as the control would read them. Raises ``DataError`` for one that stands there twice, as in a file and its copy."""
+    """Return the tables as read by the control. Raises ``DataError`` for a table that stands there
+    twice, as in a file and its copy.
+    """
     tables = controller.parse(files, profile)
     seen: set[object] = set()
     for table in tables:

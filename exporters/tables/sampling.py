@@ -11,8 +11,9 @@ from stepdiag.exporters.tables.tables import Law, Table
 def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
     """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the axis' reference position.
 
-    With ``machine.direction = "mean"`` both directions hold the mean. What is left at the reference in - is the reversal there. The
-    zero is that of the table as it is interpolated, not of the curve: the reference need not be a point of the grid.
+    With ``machine.direction = "mean"`` both directions hold the mean. The remaining value at the
+    reference in - is the reversal there. The zero is that of the interpolated table, not of the
+    curve: the reference need not be a point of the grid.
     """
     grid = profile.grid_mm(curve.input_axis)
     if profile.machine.direction == "mean":
@@ -24,7 +25,7 @@ def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
 
 
 def is_directional(curve: Curve, profile: Profile) -> bool:
-    """Return whether the table needs one column for each direction of travel."""
+    """Return whether the table needs a column per direction of travel."""
     return profile.machine.direction == "both" and curve.reverse_um is not None
 
 
@@ -36,7 +37,9 @@ def quantised(value_um: Vector, quantum_um: float) -> Vector:
 def absolute_tables(
     curve: Curve, profile: Profile, *, kind: str, law: Law, quantum_um: float, place: dict[str, int | str]
 ) -> tuple[Table, ...]:
-    """Return one table for a curve, or one for each direction (+ first), for controls that take absolute values."""
+    """Return a table for a curve, or one per direction (+ first), for controls with absolute
+    values.
+    """
     grid, forward, reverse = sampled_um(curve, profile)
     ways = ((1, forward), (-1, reverse)) if is_directional(curve, profile) else ((0, forward),)
     return tuple(

@@ -1,4 +1,6 @@
-"""What is in a control after files have been loaded over others: what has the same seat is overwritten, the rest stays as it was."""
+"""The contents of a control after files have been loaded over others: a table on the same seat is
+overwritten, the rest stays.
+"""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 
@@ -8,7 +10,9 @@ from stepdiag.exporters.tables.tables import Table
 
 
 def overwritten(own: Iterable[Table], new: Sequence[Table], seat: Callable[[Table], Hashable]) -> tuple[Table, ...]:
-    """Return the tables of a control that keeps one for each ``seat`` (or one set of them): the new ones, and old ones of other seats."""
+    """Return the tables of a control with a table (or a set) per ``seat``: the new tables, and old
+    tables of other seats.
+    """
     taken = {seat(table) for table in new}
     return (*(table for table in own if seat(table) not in taken), *new)
 

@@ -1,6 +1,7 @@
-"""A compensation table as a control holds it, the law that turns its numbers into movement, and the file it stands in.
+"""A compensation table in a control, the law from its numbers to movement, and its file.
 
-One function, ``correction_um``, runs every law, so that a new controller states its behaviour as data and cannot hide a sign.
+A single function, ``correction_um``, runs every law, so that a new controller states its behaviour
+as data and cannot hide a sign.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,7 +33,7 @@ _SPOTS: Mapping[str, Message] = {
     "column": message("spot-column"),
     "set": message("spot-set"),
 }
-"""Where a table stands in its control or file, in words."""
+"""The place of a table in its control or file, in words."""
 
 
 _LAW_WORDS = {
@@ -48,7 +49,7 @@ def _spot(what: str) -> Words:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Law:
-    """How a control applies a table (controllers.md 1).
+    """The law by which a control applies a table (controllers.md 1).
 
     ``sense``: a positive value moves the output axis in - (``as-error``) or in + (``as-compensation``).
     ``data``: values stand for themselves, or are the change since the point before, read in the + direction.
@@ -105,13 +106,15 @@ class Multiplier:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """One compensation table as the control holds it.
+    """A compensation table in a control.
 
-    ``value_um`` are the written values turned into um, one for each of ``position_mm`` (ascending); with incremental data the first is 0,
-    because there is no point before it. ``quantum_um`` is one unit of the written numbers. ``direction``: 0 the table acts in both
-    directions of travel of the input axis, +1 or -1 in one only. ``reference_mm`` is where an incremental table counts from, and
-    ``offset_um`` what it holds there. ``place`` says where in the control it lives (table index, measuring system, first point number),
-    in the controller's own words. With a ``multiplier`` it acts as a product: the values are those where the multiplier is 1.
+    ``value_um`` are the written values in um, one per ``position_mm`` (ascending); with incremental
+    data the first is 0, because there is no point before it. ``quantum_um`` is the unit of the
+    written numbers. ``direction``: 0 the table acts in both directions of travel of the input axis,
+    +1 or -1 in a single direction. ``reference_mm`` is the start of an incremental table's count,
+    and ``offset_um`` its value there. ``place`` is its place in the control (table index, measuring
+    system, first point number), in the controller's own words. With a ``multiplier`` the table acts
+    as a product: the values hold for a multiplier of 1.
     """
 
     kind: str
@@ -167,7 +170,7 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
         return np.zeros(at.shape)
     absolute = table.absolute_um
     if table.law.between == "stepped":
-        # 1 nm of slack: a commanded position that is the point itself, but for rounding, has passed it.
+        # 1 nm of slack: a commanded position equal to the point, but for rounding, has passed it.
         passed = np.searchsorted(table.position_mm, at + 1e-6, side="right") - 1
         return np.asarray(table.law.factor * absolute[np.clip(passed, 0, None)])
     moved = np.interp(at, table.position_mm, absolute)
@@ -219,7 +222,7 @@ def plain_rows(table: Table) -> tuple[str, ...]:
 
 
 def require_rising(position_mm: Vector, where: str) -> None:
-    """Raise ``DataError`` unless there are two or more positions, each above the one before."""
+    """Raise ``DataError`` unless there are two or more positions, each above the last."""
     if len(position_mm) < 2 or np.any(np.diff(position_mm) <= 0.0):
         raise DataError(where, expected=message("two-rising"), found=message("not-all-rise", count=len(position_mm)))
 

@@ -17,11 +17,12 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mount:
-    """How the head stood during a run along ``axis``.
+    """Mounting of the head during a run along ``axis``.
 
-    ``beam`` is the direction in which the laser leaves the head; ``detector_x`` and ``detector_y`` are the machine
-    directions of the detectors' axes. With the target on the workpiece side (``target_on="work"``) the target's motion is
-    minus that of the tool relative to the workpiece.
+    ``beam`` is the direction in which the laser leaves the head; ``detector_x`` and ``detector_y``
+    are the machine directions of the detectors' axes. With the target on the workpiece side
+    (``target_on="work"``) the target's motion is minus the motion of the tool relative to the
+    workpiece.
     """
 
     axis: Literal["x", "y", "z"]
@@ -31,7 +32,7 @@ class Mount:
     target_on: Literal["tool", "work"] = "tool"
 
     def __post_init__(self) -> None:
-        """Refuse directions that are not three different axes with the beam along the one that moves."""
+        """Refuse directions other than three different axes with the beam along the moving axis."""
         if self.beam[1] != self.axis:
             raise UsageError("head: beam", expected=message("for-run-along", axis=self.axis), found=self.beam)
         if {self.beam[1], self.detector_x[1], self.detector_y[1]} != set(AXES):

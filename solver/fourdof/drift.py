@@ -1,10 +1,12 @@
-"""How the source's pointing drifted during a run, freed of the drift detector's own noise.
+"""Drift of the source's pointing during a run, freed of the drift detector's own noise.
 
-PSD1 says the drift with a noise of its own, and the lever carries that noise into the straightness: 1.7 urad at 8 m are 14 um. A source
-drifts slowly, a detector's noise has no memory: a random walk seen through white noise (the local level model; Harvey, Forecasting,
-Structural Time Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). How fast the walk is against the noise, three things say:
-the series itself, the noise that each stop shows within its dwell, and the quadrant detector, for whose spot a real drift moves as well:
-what is taken off must leave it smoother. The drift is the mean over all that is likely, its uncertainty includes what is left open.
+PSD1 measures the drift with a noise of its own, and the lever carries this noise into the
+straightness: 1.7 urad at 8 m are 14 um. A source drifts slowly, a detector's noise has no memory: a
+random walk seen through white noise (the local level model; Harvey, Forecasting, Structural Time
+Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). The speed of the walk against the
+noise follows from three sources: the series itself, the noise of each stop within its dwell, and
+the quadrant detector, whose spot a real drift moves as well: the corrected spot must be smoother.
+The drift is the mean over all likely speeds, its uncertainty includes their spread.
 """
 
 from dataclasses import dataclass
@@ -17,7 +19,9 @@ Vector = NDArray[np.float64]
 LEAST_SAMPLES = 5
 """Fewer tell nothing of how fast a drift is."""
 QUICKEST = 1e4
-"""Variance of a step of the walk over that of the noise: beyond it the detector is taken at its word."""
+"""Variance of a step of the walk over the variance of the noise: beyond this ratio the detector's
+values are taken unsmoothed.
+"""
 SPEEDS = 25
 MOST_BENDS = 40
 """The bends of a longer series count no more than so many: they punish what is left too rough, not what is left of a slow drift."""
@@ -37,10 +41,11 @@ class Drift:
 
 
 def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vector, lever_mm: Vector) -> Drift:
-    """Return the drift at each time, shapes (N,), from what PSD1 saw; times ascend.
+    """Return the drift at each time, shapes (N,), from the values of PSD1; times ascend.
 
-    ``u_urad`` is the noise that each value shows by itself (0: it shows none), ``spot_um`` half of the quadrant detector's shift, in which
-    the drift stands times ``lever_mm``. Of fewer than `LEAST_SAMPLES` the values are returned as they are.
+    ``u_urad`` is the noise of each value by itself (0: none), ``spot_um`` half of the quadrant
+    detector's shift, in which the drift stands times ``lever_mm``. Of fewer than `LEAST_SAMPLES`
+    the values are returned as they are.
     """
     if len(seen_urad) < LEAST_SAMPLES:
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
@@ -62,9 +67,11 @@ def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vecto
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return what of the quick rest is no noise, since the spot moves with it, and what that leaves uncertain, shapes (N,).
+    """Return the part of the quick rest that is no noise, since the spot moves with it, and its
+    uncertainty, shapes (N,).
 
-    Where a part g of the rest is the beam's, the spot's bends are g times lever times the rest's: a regression says g.
+    If a part g of the rest is the beam's, the spot's bends are g times lever times the rest's: a
+    regression gives g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)
@@ -112,9 +119,10 @@ def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
 
 
 def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
-    """Return how likely each drift is by the straightness that it leaves, shape (speeds,): its bends are as small as they may be.
+    """Return the likelihood of each drift by its remaining straightness, shape (speeds,): small
+    bends are likely.
 
-    Second differences know nothing of the head's alignment.
+    Second differences are independent of the head's alignment.
     """
     bends = np.diff(spot_um[:, None] - 1e-3 * lever_mm[:, None] * level, n=2, axis=0)
     likely: Vector = -0.5 * BENDS_COUNT * min(len(bends), MOST_BENDS) * np.log(np.maximum(np.sum(bends**2, axis=0), 1e-24))

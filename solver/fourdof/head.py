@@ -6,8 +6,9 @@ detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``. 
 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
-and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is undone: air that bends
-the beam on the way bends it back for PSD1 and stays in the result. So does a beam that shifts without turning: half of the shift.
+and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is
+undone: air that bends the beam on the way bends the returning beam for PSD1 too and stays in the
+result. A shift of the beam without a turn stays too: half of the shift.
 """
 
 from dataclasses import dataclass, field
@@ -27,6 +28,7 @@ URAD_PER_ARCSEC = np.pi / 648000 * 1e6
 STRAIGHTNESS_RANGE_UM = 650.0
 """Range over which the published head was calibrated (Feng 2008, abstract)."""
 ANGLE_RANGE_ARCSEC = 600.0
+"""Range of the angle detector of the published head (Feng 2008, abstract): beyond it a remark."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +50,10 @@ class Crosstalk:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """The sums of QD, PSD1 and PSD2 under the same light, and by which share one may leave the other two.
+    """The sums of QD, PSD1 and PSD2 under the same light, and the largest share by which a sum may
+    depart from the other two.
 
-    A spot that an edge cuts off loses light where the others do not; a laser that changes its power changes all three.
+    A spot cut off by an edge loses light alone; a laser that changes its power changes all three.
     """
 
     sums: tuple[float, float, float]
@@ -121,10 +124,11 @@ def motion(
 ) -> Motion:
     """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1, PSD2.
 
-    ``travel_mm`` (N,) is the target's travel away from the head since the position to which ``dead_path_mm`` belongs;
-    ``roll_urad`` (scalar or (N,)), from a level, serves the correction of the cube's lateral offset only. With ``time_s`` (N,)
-    the samples are of one run and the drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise that
-    each sample, a mean, shows by itself.
+    ``travel_mm`` (N,) is the target's travel away from the head since the position to which
+    ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), from a level, serves the correction of
+    the cube's lateral offset only. With ``time_s`` (N,) the samples are of a single run and the
+    drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise of
+    each sample, a mean, by itself.
     """
     lever_mm = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))
     lever = lever_mm[:, None]

@@ -1,4 +1,5 @@
-"""The head's calibration from a run in which the machine is its stage: one regression over all nine channels.
+"""The head's calibration from a run with the machine as its stage: a regression over all nine
+channels.
 
 The machine jogs the target sideways by known amounts at two distances or more, and stands while the laser's pointing wobbles. In one
 lateral frame (theory.md 9), with the target moved by ``m``, at ``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
@@ -7,10 +8,12 @@ lateral frame (theory.md 9), with the target moved by ``m``, at ``X`` of its end
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-and each detector reads these through two gains with their signs and its roll. The pointing is an unknown of every row. It stands in the
-model linearly and is eliminated row by row (variable projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector
-flattens no slope. The noise of each detector is that of its samples; what a jog misses is estimated from the residuals, and one factor
-for all else. (The noise of three detectors cannot be estimated together with the pointing of every row: the smallest would become none.)
+and each detector reads these through two gains with their signs and its roll. The pointing is an
+unknown of every row. The pointing is linear in the model and is eliminated row by row (variable
+projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector flattens no slope.
+The noise of each detector is the noise of its samples; the misses of jogs are estimated from the
+residuals, with a common factor for all else. (The noise of three detectors cannot be estimated
+together with the pointing of every row: the smallest would become none.)
 """
 
 from dataclasses import dataclass
@@ -29,30 +32,37 @@ FIELDS = (
     "psd2.x", "psd2.y", "psd2.rotation_mrad", "crosstalk.psd2_leak",
     "lever",
 )  # fmt: skip
-"""What the regression finds, by the fields of the calibration file: gains of the curves as they stand, rolls in mrad, growth of the QD's
-gain a metre, leaks in urad per um (alike in x and y), the dead path of the lever in mm."""
+"""Results of the regression, by the fields of the calibration file: gains of the curves in the
+file, rolls in mrad, growth of the QD's gain a metre, leaks in urad per um (alike in x and y), the
+dead path of the lever in mm.
+"""
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
-"""Where each detector's gains begin, and the lever, among `FIELDS`."""
+"""First index of each detector's gains, and of the lever, among `FIELDS`."""
 MOST_ROLL_MRAD = 500.0
-"""Beyond it the detector's axes are others than the survey file states, and no mounting turned it so far."""
+"""Beyond this roll the detector's axes differ from the survey file, and no mounting has turned it
+so far.
+"""
 MOST_U_GAIN = 0.02
-"""Standard uncertainty of a gain beyond which the wobble or the jogs were too small: it leaves half of the 5 per cent that are refused."""
+"""Standard uncertainty of a gain beyond which the wobble or the jogs were too small: the limit
+leaves half of the refused 5 per cent.
+"""
 ROUNDS, STEPS = 6, 8
 """Of the sizes of the noise, and of Gauss and Newton within each: both settle to 1e-6 in half as many."""
 LINEAR = 1e-3
 """Detectors follow their curves within a thousandth of the wobble: a smaller noise must not make its rows count for more than that."""
 JOG_UM = 1.0
-"""Where the search for what a jog misses begins, in um of the spot."""
+"""Start of the search for the miss of a jog, in um of the spot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stands:
-    """Means of the head's samples while the machine stood, one row each (N,).
+    """Means of the head's samples while the machine stood, a row each (N,).
 
-    ``end`` counts the axial places from 0, ``distance_mm`` is that to the target, ``moved_um`` (N, 2) how far the target was jogged in the
-    directions of the detectors' x and y. ``seen`` (N, 6) is what the curves of the file make of QD (um), PSD1 and PSD2 (urad), without
-    signs and rolls; ``samples`` is how many stand behind a row, ``noise`` (6,) that of one sample, and ``jogged`` tells where each row is a
-    place of its own.
+    ``end`` counts the axial places from 0, ``distance_mm`` is the distance to the target,
+    ``moved_um`` (N, 2) the jog of the target in the directions of the detectors' x and y. ``seen``
+    (N, 6) are QD (um), PSD1 and PSD2 (urad) by the curves of the file, without signs and rolls;
+    ``samples`` is the number of samples behind a row, ``noise`` (6,) the noise of a sample, and
+    ``jogged`` marks the rows with a place of their own.
     """
 
     end: NDArray[np.intp]
@@ -239,7 +249,7 @@ def _lateral(detector: Vector, read: Vector) -> Vector:
 
 
 def _require_decided(found: Commissioned, stands: Stands) -> None:
-    """Raise DataError for a gain that the run does not decide, and for a lever that no head has."""
+    """Raise DataError for a gain that the run does not decide, and for an impossible lever."""
     nearest = float(found.value[LEVER] + stands.distance_mm.min())
     if not nearest > 0.0:
         expected, seen = message("lever-above-none"), message("lever-found", lever_mm=nearest, distance_mm=float(stands.distance_mm.min()))

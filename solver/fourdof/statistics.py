@@ -15,10 +15,11 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stability:
-    """Fluctuation of one quantity at standstill, raw and compensated, in the quantity's unit.
+    """Fluctuation of a quantity at standstill, raw and compensated, in the quantity's unit.
 
-    ``removed_percent`` is the part of the raw fluctuation (largest minus smallest) that the compensation took away;
-    negative when it made things worse. ``raw_allan`` and ``compensated_allan`` belong to the averaging times ``tau_s``.
+    ``removed_percent`` is the part of the raw fluctuation (largest minus smallest) removed by the
+    compensation; negative if the compensation made it larger. ``raw_allan`` and
+    ``compensated_allan`` belong to the averaging times ``tau_s``.
     """
 
     raw_fluctuation: float
@@ -70,9 +71,10 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """Where one head stood from the other, x, y, z in mm (3,), and its standard uncertainty, NaN where no known rotation shows it.
+    """Arm from a head to the other, x, y, z in mm (3,), and its standard uncertainty, NaN if no
+    known rotation shows it.
 
-    ``residual_um`` is what is left of the differences of each straightness function.
+    ``residual_um`` is the residue of the differences of each straightness function.
     """
 
     mm: Vector
@@ -90,10 +92,12 @@ class Arm:
 
 
 def abbe_arm(position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]) -> Arm | None:
-    """Return the arm between two heads on one axis from what their straightness functions differ by; None where that does not decide it.
+    """Return the arm between two heads on an axis from the differences of their straightness
+    functions; None if the differences do not decide the arm.
 
-    A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..) are fitted together, each with a line
-    of its own, to the rotations that are known at the same positions (EAX .., shapes (N,)). Least squares, u by what is left.
+    A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..)
+    are fitted together, each with a line of its own, to the known rotations at the same positions
+    (EAX .., shapes (N,)). Least squares, u by the residue.
     """
     blocks = []
     for number, name in enumerate(apart_um):

@@ -1,4 +1,6 @@
-"""What is uncertain about a head's calibration, carried into straightness and angle: the head with each field a little other."""
+"""Uncertainty of a head's calibration, carried into straightness and angle: the head with each
+field changed a little.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,9 +28,11 @@ def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
 
 
 def spread(of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector) -> Vector:
-    """Return the standard uncertainty of a quantity that the calibration leaves, shape like what ``of`` returns.
+    """Return the standard uncertainty of a quantity by the calibration, shape like the return of
+    ``of``.
 
-    The quantity is taken along the axes of the covariance's ellipsoid, one standard deviation each (JCGM 100, 5.2.2, in its main axes).
+    The quantity is taken along the axes of the covariance's ellipsoid, one standard deviation each
+    (JCGM 100, 5.2.2, in its main axes).
     """
     here = of(head)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -108,9 +108,10 @@ def between_beside_head(layout: Layout, measured: Sequence[MeasuredStraightness]
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Tell for each reading and axis whether it lies off the nodes of an axis that its setup travels, shape (m, 3).
+    """Return for each reading and axis whether it lies off the nodes of an axis travelled by its
+    setup, shape (m, 3).
 
-    Where an axis stands, what it does is in the offset of the count.
+    The error of a standing axis is in the offset of the count.
     """
     _, fraction = between_nodes(layout.volume, layout.position_mm)
     travels = np.array([setup.signs for setup in layout.setups])[layout.setup_index] != 0
@@ -119,7 +120,9 @@ def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
 
 
 def _head_off_nodes(layout: Layout, one: MeasuredStraightness) -> NDArray[np.bool_]:
-    """Tell for each position of a head's pass whether it lies off the nodes of its axis, shape (k,)."""
+    """Return for each position of a head's pass whether it lies off the nodes of its axis, shape
+    (k,).
+    """
     _, fraction = nodes_of(layout.volume, AXIS_LETTERS.index(one.name[2]), one)
     found: NDArray[np.bool_] = (fraction > 0) & (fraction < 1)
     return found
@@ -160,6 +163,8 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return which position each is meant by: the one at or before it, for the least of those that are one is kept."""
+    """Return the position meant by each wanted value: the position at or before it, since the least
+    of equal positions is kept.
+    """
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

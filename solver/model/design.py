@@ -33,9 +33,11 @@ FEW_UNKNOWNS = 128
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """What is unknown besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the 4-DOF head by direction.
+    """The unknowns besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the
+    4-DOF head by direction.
 
-    ``misses``: what each move misses its target by, which only a prior keeps apart from the machine (`solver.model.priors`).
+    ``misses``: the miss of each move's target, which only a prior separates from the machine
+    (`solver.model.priors`).
     """
 
     angles: bool = False
@@ -47,10 +49,12 @@ class Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Where each unknown stands. Functions are numbered by part (0 displacement, 1 rotation, 2 reversal), axis and component.
+    """The columns of the unknowns. Functions are numbered by part (0 displacement, 1 rotation, 2
+    reversal), axis and component.
 
-    From ``play`` on stand the nine reversals at the low end, by axis and component; none where ``play == offset``.
-    From ``line`` on stand offset and slope of every line that `solver.model.lateral` fits with, from ``miss`` on what the moves miss by.
+    From ``play`` on stand the nine reversals at the low end, by axis and component; none where
+    ``play == offset``. From ``line`` on stand offset and slope of every line that
+    `solver.model.lateral` fits with, from ``miss`` on the misses of the moves.
     """
 
     nodes: int
@@ -78,10 +82,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """The rows of all readings, and what the nuisance columns mean.
+    """The rows of all readings, and the meaning of the nuisance columns.
 
-    ``tilt_direction`` (k, 3) is the direction in which each tilt column leans its mirror; ``drift_pairs`` names setup and out-and-back pair
-    of each drift column and whether it is per hour, ``drift_spans`` how long each lasts (hours or stops).
+    ``tilt_direction`` (k, 3) is the direction in which each tilt column leans its mirror;
+    ``drift_pairs`` names setup and out-and-back pair of each drift column and whether its unit is
+    per hour, ``drift_spans`` its duration (hours or stops).
     """
 
     volume: Volume

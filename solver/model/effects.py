@@ -1,8 +1,10 @@
-"""Causes that move many readings together and of which only the usual size is known: random effects of the one adjustment.
+"""Causes that move many readings together and of which only the usual size is known: random effects
+of the common adjustment.
 
-Each kind of cause is one `Effect`: a pattern on the readings (a column for each independent cause, at one standard deviation of its
-usual size), the words for it, and how well that size is known. What the readings say about the sizes is found by
-restricted maximum likelihood (`solver.linear.components`); what they cannot see stays as assumed and widens the uncertainty.
+Each kind of cause is an `Effect`: a pattern on the readings (a column per independent cause, at one
+standard deviation of its usual size), its words, and the certainty of its size. The sizes are
+estimated from the readings by restricted maximum likelihood (`solver.linear.components`); a size
+that the readings cannot see stays as assumed and widens the uncertainty.
 """
 
 from collections.abc import Mapping
@@ -25,7 +27,9 @@ LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 half waves fall with their number, as those of guideways do."""
 MOST_WAVES = 16
 LONG_WAVES = 3
-"""Half waves of one size with the straight part; those beyond have another, for how smooth guideways are nobody knows."""
+"""Half waves of a common size with the straight part; further half waves have another size, since
+the smoothness of guideways is unknown.
+"""
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
@@ -98,9 +102,11 @@ def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptio
 
 
 def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions) -> tuple[Effect, ...]:
-    """Return every effect on the readings of a layout; those that cannot move any are left out.
+    """Return every effect on the readings of a layout; effects that cannot move any reading are
+    left out.
 
-    Angular functions stay even where no reading sees them (linear runs along the axes of the volume): the machine turns all the same.
+    Angular functions stay even if no reading sees them (linear runs along the axes of the volume):
+    the machine turns all the same.
     """
     found = (
         *_angles(layout, chain, shapes),
@@ -119,7 +125,8 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
     """Return the spot formula (theory 4.3) for functions of unknown size, and for their short waves, of unknown smoothness.
 
-    With one size for both, short waves that are not there, and that readings see best, would make the long ones small.
+    With a common size, absent short waves, which readings see best, would make the long waves
+    small.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -136,7 +143,9 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
 
 
 def _elapsed(layout: Layout) -> Vector:
-    """Return how far every reading lies in its unbroken count, 0 at its start and 1 at the end of each pass in it, shape (m,)."""
+    """Return the place of every reading in its unbroken count, 0 at its start and 1 at the end of
+    each pass in it, shape (m,).
+    """
     elapsed = np.zeros(len(layout))
     for number in np.unique(layout.offset_index):
         mine = np.flatnonzero(layout.offset_index == number)
@@ -182,7 +191,9 @@ def travel_mm(layout: Layout) -> Vector:
 
 
 def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the scale of each setup: warmth and air that changed unseen, and the cosine of its beam."""
+    """Return the scale of each setup: unseen changes of warmth and air, and the cosine of its
+    beam.
+    """
     coefficient = float(np.mean(assumed.expansion_um_m_c))
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
     size_um_m = float(np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m]))
@@ -220,13 +231,14 @@ def growth_waves(layout: Layout) -> Vector:
 
 
 def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the backlash of each axis at the stops that it has not moved to in their pass: it came there from within the volume.
+    """Return the backlash of each axis at the stops before its first move in their pass: the axis
+    came there from within the volume.
 
-    Where a pass begins without overrun these stops differ from those of later moves by the backlash, the same in every pass.
-    What each of them misses beside it belongs to the scatter.
+    In a pass without overrun these stops differ from the stops of later moves by the backlash, the
+    same in every pass. Their further misses belong to the scatter.
     """
     begins = _first_of(layout.pass_index)
-    # where the machine turned round, the move that brought it there belongs to the pass before
+    # after a reversal of the machine, the move to its place belongs to the pass before
     came = (begins == 0)[:, None] | (layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)])
     still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
     size_um = BACKLASH * assumed.repeatability_um
@@ -236,11 +248,13 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _registers(layout: Layout) -> Effect:
-    """Return what it does to the readings where positions scatter in the registers alone and the machine stands still.
+    """Return the effect on the readings of positions that scatter in the registers alone while the
+    machine stands still.
 
-    The deviations count from the positions reported. The laser shows how much of their scatter it did not see, from nothing (the axis
-    stood there) to all of it (amount 1): of the scatter while an axis stands, where its place cannot change, and of what its moves end
-    beside each other by. What a rounded program repeats at each target, or adds up to along its way, is no scatter.
+    The deviations count from the positions reported. The laser shows the unseen part of their
+    scatter, from nothing (the axis stood there) to all of it (amount 1): the scatter while an axis
+    stands, whose place cannot change, and the differences between the ends of its moves. The
+    rounding that a program repeats at each target, or adds up along its way, is no scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -255,10 +269,12 @@ def _registers(layout: Layout) -> Effect:
 
 
 def _beside_program_mm(layout: Layout, axis: int) -> Vector:
-    """Return what positions lie beside the mean at their target and beside what a program in increments adds up to, shape (m,).
+    """Return the deviations of positions from the mean at their target and from the sum of a
+    program's increments, shape (m,).
 
-    Increments of one size are rounded alike: what they add up to grows with the way from the first stop of the pass, or of the setup
-    where each pass begins where the one before it ended. Passes with as many targets have increments of one size.
+    Increments of a size are rounded alike: their sum grows with the way from the first stop of the
+    pass, or of the setup if each pass begins at the end of the pass before. Passes with as many
+    targets have increments of the same size.
     """
     beside, targets, passes = layout.beside_mm[:, axis], layout.position_mm[:, axis], layout.pass_index
     if not np.any(beside):

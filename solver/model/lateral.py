@@ -29,10 +29,11 @@ from stepdiag.solver.model.noise import LEAST_U_UM
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredStraightness:
-    """One pass of the head in one lateral direction: ``name`` is EYX .. EYZ, positions in mm, values and standard uncertainties in um.
+    """A pass of the head in a lateral direction: ``name`` is EYX .. EYZ, positions in mm, values
+    and standard uncertainties in um.
 
-    ``approach`` is +1 where the axis travelled in +, -1 where in -. The values may hold any straight line. The adjustment takes them
-    `at_targets`.
+    ``approach`` is +1 for travel of the axis in +, -1 in -. The values may hold any straight line.
+    The adjustment takes them `at_targets`.
     """
 
     name: str

@@ -24,17 +24,20 @@ MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layout:
-    """The readings of a survey with their geometry, one row a reading (shape (m,) or (m, 3)), sorted by pass and stop.
+    """The readings of a survey with their geometry, a row per reading (shape (m,) or (m, 3)),
+    sorted by pass and stop.
 
-    ``position_mm`` is the target of a stop (`solver.readings.snapping`), ``beside_mm`` how far beside it the machine reported to stand; the
-    deviation counts from the reported position, so that a target and its readings belong together. ``arrival`` numbers the moves that
-    brought each axis to its place, -1 for an axis that stands during the pass.
-    ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under
-    the mirror (theory 4.3), ``approach`` the sign in which every axis came to the stop, ``deviation_um`` the reading minus its nominal
-    value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
-    ``offset_index``: what they do not explain together is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
-    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves, ``temperature_c`` is the material's at each
-    stop, both NaN where there are none.
+    ``position_mm`` is the target of a stop (`solver.readings.snapping`), ``beside_mm`` the distance
+    of the reported position from it; the deviation counts from the reported position, so that a
+    target and its readings belong together. ``arrival`` numbers the moves of each axis to its
+    place, -1 for an axis that stands during the pass. ``direction`` is the unit vector of the
+    setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the point under the
+    mirror (theory 4.3), ``approach`` the sign of every axis' arrival at the stop, ``deviation_um``
+    the reading minus its nominal value. Readings of a ``zero_index`` share the zero of the laser's
+    count; of them, an outward pass and its return have a common ``offset_index``: their unexplained
+    difference is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
+    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves,
+    ``temperature_c`` is the material's at each stop, both NaN if missing.
     """
 
     source: str
@@ -87,10 +90,12 @@ class Layout:
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
-        """Return the layout as the machine stood: at the positions it reported, mirror and beam leaning by ``tilt_mrad`` (setups, 3).
+        """Return the layout of the leaning machine: at its reported positions, mirror and beam
+        leaning by ``tilt_mrad`` (setups, 3).
 
-        Machine errors are seen along the mirror's normal, and the spot runs along the beam, which autocollimation makes the same
-        line. What the lean does to the nominal travel stays with the deviation, where the tilt unknowns explain it.
+        Machine errors are seen along the mirror's normal, and the spot runs along the beam, which
+        autocollimation makes the same line. The lean's effect on the nominal travel stays with the
+        deviation, explained by the tilt unknowns.
         """
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
         leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
@@ -148,9 +153,11 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
 
 
 def _edges_mm(readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int) -> tuple[float, float]:
-    """Return low and high edge of the box along an axis, from the setups of the first of the ``kinds`` that travels it.
+    """Return low and high edge of the box along an axis, from the setups of the first of the
+    ``kinds`` that travels this axis.
 
-    Where none does, the axis reaches over the lines at which it stood, and is without length where these are one.
+    If none does, the axis reaches over the lines at which it stood, and is without length for a
+    single line.
     """
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
@@ -169,7 +176,9 @@ def _edges_mm(readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int) -
 
 
 def _even_steps(readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int) -> int:
-    """Return the most equal steps at which every node has a target of each run beside it: else its value hangs on others' far away."""
+    """Return the most equal steps at which every node has a target of each run beside it: otherwise
+    its value hangs on others far away.
+    """
     shares = []
     for setup in runs:
         axis = int(np.argmax(np.abs(setup.signs)))
@@ -284,10 +293,10 @@ def _zeros(
 
 
 def _approach(travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vector, turned: NDArray[np.bool_]) -> Vector:
-    """Return the sign with which every axis came to each stop, shape (m, 3): that of its pass.
+    """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of its pass.
 
-    Where the machine turned round at the first stop, every axis had come there in the direction of the pass before, and stays on that side
-    until it moves.
+    If the machine reversed at the first stop, every axis had come there in the direction of the
+    pass before, and stays on this side until its next move.
     """
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():

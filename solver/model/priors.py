@@ -1,4 +1,6 @@
-"""What is known besides the readings, as rows of the same adjustment: angular functions with their uncertainty, and conventions."""
+"""Knowledge besides the readings, as rows of the same adjustment: angular functions with their
+uncertainty, and conventions.
+"""
 
 from dataclasses import dataclass
 
@@ -26,7 +28,8 @@ the axis look alike between the outward pass and its return: neither is ever tak
 class Prior:
     """Rows whose target is zero, and their standard uncertainty.
 
-    ``found`` names the places of those whose size the data may enlarge, group by group, ``misses`` those of what the moves miss by.
+    ``found`` names the rows whose size the data may enlarge, group by group, ``misses`` the rows of
+    the moves' misses.
     """
 
     rows: Rows
@@ -56,11 +59,13 @@ def has_stated_u(angles: Angles) -> bool:
 
 
 def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
-    """Return the rows for what angular functions may differ from those given, for how much reversal changes along an axis, and for what
-    moves miss by (1 um each: `solver.adjustment.scatter` says how much).
+    """Return the rows for the differences of angular functions from the given functions, for the
+    change of reversal along an axis, and for the misses of moves (1 um each:
+    `solver.adjustment.scatter` estimates their size).
 
-    A function given with uncertainty may differ by it, one without may not; what was not given is no unknown of the rows
-    but an effect (`solver.model.effects`); ``free_angles`` leaves it free, to ask what the rows see of it.
+    A function given with uncertainty may differ by it, a function given without may not; other
+    functions are no unknowns of the rows but effects (`solver.model.effects`); ``free_angles``
+    leaves them free, to test the view of the rows on them.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []

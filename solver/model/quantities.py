@@ -1,8 +1,9 @@
-"""What a survey is asked for, as linear combinations of the design's unknowns.
+"""The requested results of a survey, as linear combinations of the design's unknowns.
 
-A function is its values at nodes 1 .. n with the end-point line removed (node n is then zero and left out); squareness and
-scale hold the slopes. A rigid rotation adds antisymmetric slopes, so the sums below do not see it (contract 1):
-``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' + EZX'``, ``A0Z = -(EYZ' + EZY')``.
+A function is its values at nodes 1 .. n with the end-point line removed (node n is then zero and
+left out); squareness and scale hold the slopes. A rigid rotation adds antisymmetric slopes, so the
+sums below do not see this rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' + EZX'``,
+``A0Z = -(EYZ' + EZY')``.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,8 @@ _SHEARS = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Quantities:
-    """Combinations of unknowns, one a row, the name each belongs to (EXX .. ECZ, C0Y .. A0Z, X Y Z for the scales) and its node.
+    """Combinations of unknowns, a row each, with the name of each (EXX .. ECZ, C0Y .. A0Z, X Y Z
+    for the scales) and its node.
 
     Units: um, urad, um/m; the node of a number is 0. A rotation keeps all its nodes 1 .. n: its slope is the machine's own.
     """
@@ -73,7 +75,9 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
 
 
 def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
-    """Return what one unit of each quantity does to the error at the points of a lattice of nodes, shape (points, 3, q)."""
+    """Return the effect of a unit of each quantity on the error at the points of a lattice of
+    nodes, shape (points, 3, q).
+    """
     lattice = np.linspace(0, volume.increments, LATTICE).round().astype(np.int64)
     points = np.stack(np.meshgrid(*[lattice] * 3), axis=-1).reshape(-1, 3)
     effects = [_effects_um(found.node[found.of(name)], name, points, volume, chain) for name in found.groups]
@@ -81,7 +85,9 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
 
 
 def _effects_um(nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], volume: Volume, chain: str) -> Vector:
-    """Return what one unit of each value of a quantity does to the error at each point of the lattice, shape (points, 3, nodes)."""
+    """Return the effect of a unit of each value of a quantity on the error at each point of the
+    lattice, shape (points, 3, nodes).
+    """
     from_corner_m: Vector = 1e-3 * points * volume.step_mm
     if name in _SHEARS:
         first, second, sign = _SHEARS[name]

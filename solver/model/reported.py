@@ -1,4 +1,6 @@
-"""What a result reports beside the quantities of a forecast: functions with and without their slope, reversal, the sum of the scales."""
+"""Reported results beside the quantities of a forecast: functions with and without their slope,
+reversal, the sum of the scales.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -80,10 +82,12 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 
 
 def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine all of it, and better than it is ``usual`` for a machine of its class.
+    """Return for every quantity whether the readings determine it fully, and better than ``usual``
+    for a machine of its class.
 
-    ``usual`` holds usual sizes by name, in the units of the quantities; a name without one needs only to be determined. A positioning
-    function with its slope is identified where its shape and its scale are.
+    ``usual`` holds usual sizes by name, in the units of the quantities; a name without a size needs
+    only to be determined. A positioning function with its slope is identified if its shape and its
+    scale are.
     """
     variances = variance(found, inverse)
     names, number = np.unique(np.array(found.names), return_inverse=True)

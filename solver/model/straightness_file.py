@@ -21,7 +21,7 @@ LEAST_POSITIONS = 3
 
 
 def parse_straightness(text: str, source: str = "straightness.csv") -> tuple[MeasuredStraightness, ...]:
-    """Return one entry for each function and direction of a straightness file.
+    """Return an entry per function and direction of a straightness file.
 
     Raises ``DataError`` naming line or column for anything else: an unknown column, a value without its uncertainty, a position twice.
     """
@@ -78,7 +78,9 @@ def _function(name: str, approach: int, rows: Sequence[tuple[float, float, float
 
 
 def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
-    """Return the straightness file, LF line ends, six decimals; one entry for each function and direction at most."""
+    """Return the straightness file, LF line ends, six decimals; at most one entry per function and
+    direction.
+    """
     names = [name for name in STRAIGHTNESS if any(one.name == name for one in measured)]
     lines = ["position_mm,approach," + ",".join(f"{name}_um,u_{name}_um" for name in names)]
     for approach in sorted({one.approach for one in measured}, reverse=True):

@@ -1,16 +1,18 @@
 """Wang's closed form for four body step diagonals (Wang 2000, Eqs 3-8 and 12-13), as printed and as corrected.
 
-What the printed text leaves open is filled in as the paper intends (theory 3):
+Gaps of the printed text are filled as the paper intends (theory 3):
 
-- dR(x), dR(y), dR(z) of Eqs 6-8 are the deviations of the moves of one axis, cumulated as a function of that axis' *position* from its low
-  end (E6). An axis that runs backwards contributes with opposite sign and reversed order (E7); raw increments in the order of time
-  would be wrong by tens of um.
+- dR(x), dR(y), dR(z) of Eqs 6-8 are the deviations of the moves of an axis, cumulated as a function
+  of the axis' *position* from its low end (E6). An axis that runs backwards contributes with
+  opposite sign and reversed order (E7); raw increments in the order of time would be wrong by tens
+  of um.
 - lower-case x/R, y/R, z/R of Eqs 4-6 are the capitals (E8). In Eqs 12-13 X, Y, Z, R are the whole travels and dR is the deviation
   from start to end in the direction of travel (E4, E6).
 - The thetas have the sign of Eqs 12-13, which is the opposite of Eqs 9-11 (E3): theta_xy = -C0Y, theta_zx = +B0Z, theta_yz = -A0Z.
 
-The printed equations take mirror tilt for machine error (up to 420 um/m for 0.5 mrad) and scale errors for squareness (E5). The
-least-squares form uses all four equations, removes end-point lines and separates the scale sum; what remains cannot be seen by it either.
+The printed equations take mirror tilt for machine error (up to 420 um/m for 0.5 mrad) and scale
+errors for squareness (E5). The least-squares form uses all four equations, removes end-point lines
+and separates the scale sum; the remaining errors are invisible to this form too.
 """
 
 from dataclasses import dataclass
@@ -27,7 +29,7 @@ from stepdiag.solver.model.layout import Layout
 SIGNS = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]], dtype=np.float64)
 """Travel of ppp, npp, pnp, ppn along X, Y, Z."""
 CLOSURE = np.array([1.0, -1.0, -1.0, -1.0])
-"""dR_ppp - dR_npp - dR_pnp - dR_ppn at one node of one axis is zero, whatever the machine (E14)."""
+"""dR_ppp - dR_npp - dR_pnp - dR_ppn at a node of an axis is zero for every machine (E14)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +132,8 @@ def least_squares(data: DiagonalData) -> VectorSolution:
 def closure_um(data: DiagonalData) -> Vector:
     """Return the closure residual r(axis, node), shape (3, n+1), its end-point line (mirror tilt) removed (theory E14, 6.5).
 
-    It should be noise of twice a single deviation. That it is small does not prove the absence of angular errors (theory 5.3).
+    The residual should be noise of twice a single deviation. A small residual does not prove the
+    absence of angular errors (theory 5.3).
     """
     return without_end_line(np.einsum("d,dan->an", CLOSURE, data.by_position_um))
 

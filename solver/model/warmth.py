@@ -1,7 +1,9 @@
-"""The machine's temperature from stop to stop: what it grows by during a survey is taken off before the adjustment.
+"""The machine's temperature from stop to stop: its growth during a survey is taken off before the
+adjustment.
 
-Each reading is brought to the mean temperature of the survey, with the expansion coefficients assumed: the result stands for one
-temperature, as measured. How well the coefficients are known is an effect of the adjustment (`solver.model.effects`).
+Each reading is brought to the mean temperature of the survey, with the assumed expansion
+coefficients: the result stands for a single temperature. The uncertainty of the coefficients is an
+effect of the adjustment (`solver.model.effects`).
 """
 
 from dataclasses import replace
@@ -15,8 +17,9 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.model.layout import Layout
 
 STEADY_C = 0.005
-"""Temperatures that differ by less are one: thermometers resolve 0.01 C."""
+"""Least difference of temperatures in C: thermometers resolve 0.01 C."""
 WORTH_SAYING_C = 0.1
+"""Least change of temperature in C with a finding: 0.1 C moves a metre of steel by 1.2 um."""
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
@@ -42,7 +45,9 @@ def counted_mm(layout: Layout) -> Vector:
 
 
 def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
-    """Return the layout with every deviation as it would be at the mean temperature of the survey, and a finding where that matters."""
+    """Return the layout with every deviation at the mean temperature of the survey, and a finding
+    if the difference matters.
+    """
     warmer = excess_c(layout, assumed)
     if not np.any(warmer):
         return layout

@@ -1,7 +1,8 @@
 """Figures of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
 
-None of these standards is public: the formulae come from general knowledge and agree with published readings
-(theory.md 8.1-8.5). Every result says so in ``source_status``, and whoever prints a figure prints that beside it.
+None of these standards is public: the formulae come from general knowledge and agree with published
+readings (theory.md 8.1-8.5). Every result states this in ``source_status``, printed beside every
+figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,11 +24,14 @@ MIN_RUNS = 5
 MIN_TARGETS = 5
 LONG_AXIS_MM = 2000.0
 LONG_AXIS_INTERVAL_MM = 250.0
+"""Plan of ISO 230-2: at least five runs, and five targets a metre; on axes above 2 m at most 250 mm
+between targets.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """How a standard widens a scatter: ``k`` standard deviations on each side."""
+    """Widening of a scatter by a standard: ``k`` standard deviations on each side."""
 
     standard: str
     k: float
@@ -127,7 +131,9 @@ def positioning_figures(runs: PositioningRuns, standard: str = "iso-230-2") -> P
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagonalFigures:
-    """ISO 230-6: the figures of each diagonal and the machine's: the largest of each over the diagonals."""
+    """ISO 230-6: the figures of each diagonal and of the machine: the largest of each over the
+    diagonals.
+    """
 
     standard: str
     source_status: str
@@ -206,7 +212,7 @@ def arrange_runs(
 
 
 def _table(row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], deviation: Vector, parity: int) -> Vector:
-    """Return the passes of one direction as columns; a stop that a pass did not visit stays NaN."""
+    """Return the passes of a direction as columns; a stop missing in a pass stays NaN."""
     numbers = np.unique(passes[passes % 2 == parity])
     table = np.full((targets, len(numbers)), np.nan)
     for column, number in enumerate(numbers):

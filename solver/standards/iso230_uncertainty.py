@@ -1,8 +1,10 @@
-"""The measurement uncertainty of positioning figures, from the sources that ISO/TR 230-9 names.
+"""The measurement uncertainty of positioning figures, from the sources of ISO/TR 230-9.
 
-The report is not public: which source acts on which figure is derived here (theory.md 8.7), and every result says so. What grows with
-length (laser, alignment, temperature) stretches all runs alike: it is in E, M and A and cancels in B and R. What changes from run to
-run (environment, noise of the reading) is averaged over the runs in E, M and B; R and A also carry how well few runs know a scatter.
+The report is not public: the effect of each source on each figure is derived here (theory.md 8.7),
+and every result states this. Errors that grow with length (laser, alignment, temperature) stretch
+all runs alike: they are in E, M and A and cancel in B and R. Errors that change from run to run
+(environment, noise of the reading) are averaged over the runs in E, M and B; R and A also carry the
+uncertainty of a scatter from few runs.
 """
 
 from collections.abc import Mapping
@@ -30,9 +32,10 @@ def expanded_um(
 ) -> dict[str, float]:
     """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a length.
 
-    ``runs`` are those upward and downward: a pass that was driven again makes one more of them. B is the largest of the reversal values at
-    ``targets`` targets: noise alone raises it, by up to sqrt(2 ln targets) standard uncertainties of one of them (the bound of the expected
-    maximum of normal variables), which counts as a rectangular limit.
+    ``runs`` are the numbers upward and downward: a repeated pass adds a run. B is the largest of
+    the reversal values at ``targets`` targets: noise alone raises it, by up to sqrt(2 ln targets)
+    standard uncertainties of a single value (the bound of the expected maximum of normal
+    variables), which counts as a rectangular limit.
     """
     stretch = sources.relative * length_mm * 1e3
     single = float(np.hypot(sources.reading_um, sources.environment_um))

@@ -1,7 +1,8 @@
-"""The whole machine as one vector with its covariance: functions with slopes, squarenesses, angles; and its modes.
+"""The whole machine as a vector with its covariance: functions with slopes, squarenesses, angles;
+and its modes.
 
-What the readings do not identify counts here with what a machine of its class usually has: the result leaves it out, but what is stated
-about the volume must not pretend that it is nil.
+Errors that the readings do not identify count here with the usual size of the machine's class: the
+result leaves them out, but a statement about the volume must not assume zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,14 +34,16 @@ MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
 """A usual size counts as so much of the largest at least: beside one of nothing all others would be taken for rounding (`HIDDEN`)."""
 HIDDEN = 1e-9
-"""What moves what is usual by less than this share of the most does not move it."""
+"""Smallest share of the largest effect that counts as an effect on the usual sizes."""
 FINEST_UM = 0.01
 """Readings count as uncertain by so much at least beside what is usual, thousands of times larger: no sum of both is exact else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Machine:
-    """Values of the machine's functions and squarenesses: ``names`` and ``node`` of each, what they are made of, all in one order."""
+    """Values of the machine's functions and squarenesses: ``names`` and ``node`` of each, their
+    composition, all in the same order.
+    """
 
     names: tuple[str, ...]
     node: NDArray[np.int64]
@@ -51,7 +54,7 @@ class Machine:
 def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: int, products: Mapping[int, float] | None = None) -> Machine:
     """Return the machine's values at the nodes at which modes are written; unknown angles begin at ``first_cause`` of all ``causes``.
 
-    ``products``: by cause, how large one unit of it is, for `PRODUCTS` in their order.
+    ``products``: by cause, the size of its unit, for `PRODUCTS` in their order.
     """
     found = reported(design)
     nodes = mode_nodes(design.volume)
@@ -87,7 +90,7 @@ def mode_nodes(volume: Volume) -> NDArray[np.int64]:
 def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     """Return what a machine of its class usually has, by name: functions in um, squareness in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
-    # an axis that nobody measured has grown while it warmed, too
+    # an unmeasured axis has grown in the warm-up, too
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
     usual |= dict.fromkeys(AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m)))
     least = NEXT_TO_NOTHING * max(usual.values())
@@ -126,10 +129,12 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
 
 
 def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
-    """Return the machine's values as the readings know them, and the covariance (k, k) of what only the usual ``rows`` say of them.
+    """Return the machine's values as known from the readings, and the covariance (k, k) of the part
+    known from the usual ``rows`` alone.
 
-    What the readings do not see is taken where the usual is most likely, given what they do see. That takes no difference of large
-    numbers, as covariances with and without what is usual would: these each processor rounds otherwise.
+    Parts that the readings do not see are taken at the most likely usual values, given the parts
+    seen. No difference of large numbers enters, as with covariances with and without the usual
+    rows, which each processor rounds differently.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
@@ -141,10 +146,12 @@ def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tupl
 def posterior_of(
     spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str, unmeasured: Vector
 ) -> Posterior:
-    """Return how the machine may differ from what is reported, in modes; ``offset`` (k,) is where it is to be expected beside that.
+    """Return the possible differences of the machine from the report, in modes; ``offset`` (k,) is
+    the expected value beside the report.
 
-    The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
-    ``unmeasured`` is the covariance (k, k) of what the readings do not see (`separated`): how usual the machine is, nobody knows.
+    The causes of the group ``of_unknown_size`` have modes of their own: their reach depends on a
+    size that is not known either. ``unmeasured`` is the covariance (k, k) of the unseen parts
+    (`separated`): the machine's distance from the usual is unknown.
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
@@ -187,7 +194,9 @@ def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vec
 
 
 def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
-    """Return rows of values (r, k) of one function at all nodes of the modes, zero where that is its definition; of a squareness (r, 1)."""
+    """Return rows of values (r, k) of a function at all nodes of the modes, zero by its definition;
+    of a squareness (r, 1).
+    """
     if name[0] != "E":
         return values
     nodes = mode_nodes(volume)
@@ -205,12 +214,16 @@ def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
 
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return what one unit of each value does to the error over the volume, rigid motion removed, shape (k, 3 points)."""
+    """Return the effect of a unit of each value on the error over the volume, rigid motion removed,
+    shape (k, 3 points).
+    """
     return _free_fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return what one unit of each value does to the error over the volume, shape (k, 3 points)."""
+    """Return the effect of a unit of each value on the error over the volume, shape (k, 3
+    points).
+    """
     return _fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 

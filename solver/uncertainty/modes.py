@@ -1,4 +1,6 @@
-"""A covariance in few modes: those that matter most over the volume, and what is left as values that differ each by itself."""
+"""A covariance in few modes: the most important over the volume, and a rest of values that differ
+each by itself.
+"""
 
 from dataclasses import dataclass
 
@@ -14,6 +16,7 @@ KEPT_SHARE = 0.995
 UNSEEN = 1e-3
 """A direction of which no likely size shows by more than this share of its variance is not seen: all such are alike."""
 ROUNDING = 1e-9
+"""A smaller share of the largest is rounding: no choice may depend on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +43,12 @@ class BySize:
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
-    """Return columns of which the products make a covariance (k, k), and the standard deviations (k,) of what they leave.
+    """Return columns whose products make a covariance (k, k), and the standard deviations (k,) of
+    the rest.
 
-    ``fields`` (k, values) is what one unit of each of the k does over the volume. Each column is what goes with the value of the field that
-    is least known beside the columns before; of equal ones the first, so that rounding does not choose. What is left keeps its mean
-    square over the volume.
+    ``fields`` (k, values) is the effect of a unit of each of the k over the volume. Each column
+    goes with the value of the field that is least known beside the columns before; of equal values
+    the first, so that rounding does not choose. The rest keeps its mean square over the volume.
     """
     return _factored(np.diag(found), found @ fields, fields, most)
 
@@ -92,9 +96,10 @@ def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
     """Return directions (k, q) of a family as modes at the root of their mean square over all sizes.
 
-    Directions that the readings see equally well, within a factor of two, are taken together and factored like any covariance: which of
-    equal ones an eigenvalue decomposition returns is an accident of rounding. By how much their most likely amounts follow the size is one
-    mode for each such group.
+    Directions that the readings see equally well, within a factor of two, are taken together and
+    factored like any covariance: the choice of an eigenvalue decomposition between equal directions
+    is an accident of rounding. The dependence of their most likely amounts on the size is a mode
+    per group.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     level = np.where(unseen, -np.inf, np.floor(np.log2(np.where(unseen, 1.0, family.seen))))

@@ -1,6 +1,7 @@
 """Monte Carlo beside the law of propagation (JCGM 101): surveys are drawn, noise and causes, and pass through the estimator.
 
-Causes are drawn with sizes that are themselves drawn as surely as the readings know them; the estimator keeps the sizes that it found.
+Causes are drawn with sizes that are themselves drawn by their uncertainty from the readings; the
+estimator keeps the sizes found.
 """
 
 from collections.abc import Iterator
@@ -46,7 +47,9 @@ def monte_carlo(spread: Spread, asked: Rows, *, trials: int, seed: int = 0, prob
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return what one standard deviation of each row's noise does, shape (rows, quantities), folded where there are more rows."""
+    """Return the effect of one standard deviation of each row's noise, shape (rows, quantities),
+    folded if there are more rows.
+    """
     fit = spread.fit
     direct = fit.rows.times(fit.inverse.solve(asked.dense().T)) * fit.weight[:, None]
     gain = direct + fit.causes.left @ (fit.amount_covariance @ spread.moved(asked).T)
@@ -58,14 +61,17 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
 
 
 def _cause_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return what a unit of each cause leaves in the estimate, shape (causes, quantities): what of it is not found."""
+    """Return the residue of a unit of each cause in the estimate, shape (causes, quantities): the
+    part not found.
+    """
     left = spread.fit.amount_covariance @ spread.fit.causes.seen - np.eye(len(spread.group))
     operator: Vector = (spread.moved(asked) @ left).T
     return operator
 
 
 def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vector]:
-    """Return the ends of the shortest interval that holds the share ``probability`` of each row's samples (JCGM 101, 7.7).
+    """Return the ends of the shortest interval with the share ``probability`` of each row's samples
+    (JCGM 101, 7.7).
 
     Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 - probability``.
     """

@@ -1,8 +1,10 @@
-"""What is known of unknowns and amounts after the adjustment: variances of any combination, by readings alone and with everything.
+"""The knowledge of unknowns and amounts after the adjustment: variances of any combination, by
+readings alone and with everything.
 
-``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T = on_causes - K taken``: C is the
-covariance of the unknowns were the causes known, M that of the amounts. M holds also that their sizes are not known: it is summed over
-the sizes that the readings and the prior leave likely (law of total variance; `solver.linear.families`).
+``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T =
+on_causes - K taken``: C is the covariance of the unknowns for known causes, M the covariance of the
+amounts. M also holds the uncertainty of their sizes: it is summed over the sizes that the readings
+and the prior leave likely (law of total variance; `solver.linear.families`).
 """
 
 from dataclasses import dataclass
@@ -61,14 +63,15 @@ class Spread:
         return found
 
     def variance_by_readings(self, moved: Vector) -> Vector:
-        """Return the variance that the readings' noise makes through what it does to the amounts, shape (k,)."""
+        """Return the variance by the readings' noise through the amounts, shape (k,)."""
         found: Vector = np.sum((moved @ self.amount_of_noise) ** 2, axis=1)
         return found
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
-        """Return the standard uncertainty that each group of causes makes by itself, shapes (k,); the rest is by their unknown sizes.
+        """Return the standard uncertainty of each group of causes by itself, shapes (k,); the rest
+        comes from their unknown sizes.
 
-        Where smaller sizes are likelier than the one found, all groups make less.
+        If smaller sizes are likelier than the sizes found, all groups make less.
         """
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2

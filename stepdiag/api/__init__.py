@@ -68,7 +68,8 @@ __all__ = [
 def load_readings(path: Path | str) -> Readings:
     """Return the readings of a CSV file (columns setup, pass, stop, x_mm, y_mm, z_mm, reading_mm and more).
 
-    Raises ``UsageError`` for a file that cannot be read, ``DataError`` with row and field for one that is no table of readings.
+    Raises ``UsageError`` for an unreadable file, ``DataError`` with row and field for a file that
+    is not a table of readings.
     """
     return in_mm(parse_readings(read_text(Path(path)), Path(path).name), Path(path).name)
 
@@ -102,11 +103,12 @@ def export(
     step_mm: float | None = None,
     accept: Collection[str] = (),
 ) -> ExportReport:
-    """Write the compensation files of a result for a control and return what was written and what it will do.
+    """Write the compensation files of a result for a control and return the files and their effect.
 
-    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it this is a quick look, with the
-    tables at the measured positions or in steps of ``step_mm``. ``accept`` names the warnings that may pass.
-    Raises ``SafetyError`` for a failed check, ``DataError`` for what is not identified.
+    ``profile`` is the machine's profile (written by ``stepdiag profile``); without a profile the
+    export is a quick look, with the tables at the measured positions or in steps of ``step_mm``.
+    ``accept`` names the warnings that may pass. Raises ``SafetyError`` for a failed check,
+    ``DataError`` for what is not identified.
     """
     found = load_profile(Path(profile), controller_named(controller), result.volume) if profile is not None else None
     return export_files(result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir))

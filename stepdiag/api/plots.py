@@ -22,8 +22,10 @@ _LONGEST_SHARE = 0.15
 
 
 def plot_functions(result: Result) -> "Figure":
-    """Return one panel for each identified function: the mean of both directions with U (k = 2), and the two directions where the data
-    give them. Raises UsageError where matplotlib is not installed, or where no function is identified."""
+    """Return a panel for each identified function: the mean of both directions with U (k = 2), and
+    the two directions if the data give them. Raises UsageError without matplotlib, or without an
+    identified function.
+    """
     names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is not None]
     if not names:
         raise UsageError("plot_functions", expected=message("known-function"), found=message("none"))
@@ -80,7 +82,7 @@ def plot_closure(result: Result) -> "Figure":
 
 
 def _figure(width_in: float, height_in: float) -> "Figure":
-    """Return an empty figure that no window shows: a notebook draws it, ``savefig`` writes it."""
+    """Return an empty figure without a window: a notebook draws it, ``savefig`` writes it."""
     try:
         from matplotlib.figure import Figure
     except ImportError:

@@ -1,4 +1,5 @@
-"""What the door hands out as tables: one column a name, one row a reading, stop, sample, value or finding.
+"""Tables of the public interface: a column per name, a row per reading, stop, sample, value or
+finding.
 
 `table` gives plain lists; `frame` the same as a pandas DataFrame (``stepdiag[notebook]``).
 """

@@ -1,4 +1,5 @@
-"""What all floors share: messages, findings, refusals, the volume and its setups, files, settings, readings and the result.
+"""The common base of all floors: messages, findings, refusals, the volume and its setups, files,
+settings, readings and the result.
 
 In: names, sizes, bytes, text. Out: values and refusals. Imported by every floor; imports the texts alone.
 """

@@ -1,4 +1,6 @@
-"""What was active in the control while a machine was measured: the statement of a survey, as its result holds it."""
+"""Compensation active in the control during the measurement: the statement of a survey, as its
+result holds it.
+"""
 
 import hashlib
 from collections.abc import Mapping

@@ -89,9 +89,10 @@ def conformity_of(result: Result) -> Conformity:
 
 
 def _compensated(result: Result) -> Result:
-    """Return the result after an ideal compensation: every squareness and displacement is zero as far as it is known, within its u.
+    """Return the result after an ideal compensation: every identified squareness and displacement
+    is zero within its u.
 
-    No table takes an angle out, nor the reversal that E and A hold: they are not in it.
+    No table removes an angle, nor the reversal in E and A: they are not in it.
     """
     errors = {name: one if one.value is None else replace(one, value=np.zeros_like(one.value)) for name, one in result.errors.items()}
     squareness = {name: one if one.value is None else replace(one, value=0.0) for name, one in result.squareness.items()}
@@ -186,11 +187,14 @@ def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
 
 
 def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
-    """Return the interval of a range from ranges of drawn machines, ``found`` is that of the function found.
+    """Return the interval of a range from ranges of drawn machines, ``found`` is the range of the
+    function found.
 
-    Noise makes a range longer: the one found holds it once, the draws around it twice. The upper end stays that of the draws, so that no
-    machine is accepted for a short range by chance; the lower one is below the machine's range, by the bias of the draws taken off twice
-    or by the pivotal interval (2 found - high), whichever is lower. A function of zeros was taken out: what is drawn around it is left.
+    Noise makes a range longer: the range found holds it once, the draws around it twice. The upper
+    end stays that of the draws, so that no machine is accepted for a short range by chance; the
+    lower end is below the machine's range, by the bias of the draws taken off twice or by the
+    pivotal interval (2 found - high), whichever is lower. A function of zeros was taken out: only
+    its drawn residue is left.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:

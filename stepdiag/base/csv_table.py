@@ -9,7 +9,9 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 
 LARGEST = 1e12
-"""No position, error, time or count of a machine comes near. What is beyond it is a mistake, and its square would soon not be finite."""
+"""No position, error, time or count of a machine comes near. A larger number is a mistake, and its
+square would soon not be finite.
+"""
 MOST_ROWS = 2_000_000
 """Rows of a table: the fastest head gives fewer in a stability test of half an hour."""
 

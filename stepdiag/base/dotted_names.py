@@ -1,6 +1,7 @@
 """Dotted names of a TOML text: time and memory of the TOML reader grow with the square of the number of their parts.
 
-Every character is looked at once, whatever stands there: each kind of token takes all that could be part of it, closed or not.
+Every character is looked at once, in any text: each kind of token takes all that could be part of
+it, closed or not.
 """
 
 import re
@@ -17,7 +18,7 @@ _TOKEN = re.compile(
 
 
 class DottedName(NamedTuple):
-    """A name up to the part that is one too many, and its line, from 1."""
+    """A name up to the first part too many, and its line, from 1."""
 
     line: int
     text: str

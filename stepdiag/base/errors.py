@@ -6,8 +6,8 @@
     ├── DeviceError          a device cannot be reached or misbehaves  (also a ConnectionError)
     └── SafetyError          an export was refused by a safety check   (also a ValueError)
 
-The tree stands on the lowest floor so that every floor can raise from it. Only the command line turns a
-cause into an exit code.
+The tree stands on the lowest floor so that every floor can raise from it. Only the command line
+turns a cause into an exit code.
 """
 
 import errno
@@ -18,10 +18,10 @@ from stepdiag.base.messages import Message, Words, message, message_of
 
 
 class StepdiagError(Exception):
-    """A refusal: where, what was expected, what was found and what to do; each a message, or a name or value as it stands.
+    """A refusal: place, expected value, value found and remedy; each a message, a name or a value.
 
-    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message`` is all of it, the text of the exception its
-    English.
+    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message`` is
+    the whole, the text of the exception its English.
     """
 
     def __init__(self, where: Words, *, expected: Words, found: Words, remedy: Words = "") -> None:
@@ -47,7 +47,7 @@ class DeviceError(StepdiagError, ConnectionError):
 class SafetyError(StepdiagError, ValueError):
     """An export was refused by a safety check; ``code`` names the check: a code of docs/findings.md, or code and variant.
 
-    A check that is only a warning can be accepted by that name.
+    A check that is only a warning can be accepted by its code.
     """
 
     def __init__(self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = "") -> None:
@@ -60,7 +60,9 @@ def _of_the_system(code: int) -> Message | None:
 
 
 def system_words(error: Exception | int) -> Words:
-    """Return what the operating system refused, by its number: a message for those that people meet, else the system's own words."""
+    """Return the refusal of the operating system, by its number: a message for common refusals,
+    else the system's own words.
+    """
     code = error if isinstance(error, int) else getattr(error, "errno", None)
     if code is None:
         return str(error)

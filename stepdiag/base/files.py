@@ -1,8 +1,8 @@
-"""Files: read up to a limit, written whole or not at all, those that belong together all or none.
+"""Files: read up to a limit, written whole or not at all, groups of files all or none.
 
-What is there is kept unless the caller says otherwise.
+Existing files are kept unless the caller asks otherwise.
 
-Text is UTF-8 with LF wherever it is written.
+Text is UTF-8 with LF in every file.
 """
 
 import hashlib
@@ -15,15 +15,17 @@ from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
 
 LARGEST_BYTES = 64_000_000
-"""The largest file that is read into memory at once: more is none that a survey leaves, and a parser may need twenty times as much."""
+"""The largest file read into memory at once: no survey leaves a larger file, and a parser may need
+twenty times as much.
+"""
 LARGEST_SETTINGS_BYTES = 1_000_000
 """The largest file of settings that a person writes: a survey, a profile, a calibration."""
 LARGEST_TABLE_BYTES = 4_000_000
-"""The largest file of a machine that a profile names, and the largest that goes into a log."""
+"""The largest table of a machine named by a profile, and the largest file in a log."""
 HASH_SUFFIX = ".sha256"
 FILE_SUFFIXES = (".csv", ".docx", ".htm", ".html", ".ini", ".json", ".mcap", ".mpf", ".parquet", ".pdf", ".png", ".rtl", ".svg", ".toml",
                  ".txt", ".xlsx", ".xml", ".zip")  # fmt: skip
-"""Endings of files: a name with one of these is not meant as that of a folder."""
+"""Endings of files: a name with one of these does not name a folder."""
 
 
 def read_bytes(
@@ -35,9 +37,10 @@ def read_bytes(
     remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
-    """Return the bytes of a file; ``where`` is the field that names it, if one does: it is then to be a file and no terminal or pipe.
+    """Return the bytes of a file; ``where`` is the field that names it, if any: it must then be a
+    file and no terminal or pipe.
 
-    Raises UsageError where it cannot be read, ``blame`` where it holds more than ``largest`` bytes.
+    Raises UsageError for an unreadable file, ``blame`` for more than ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(where, expected=expected, found=message("which-none", name=path.name), remedy=remedy)
@@ -62,7 +65,9 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
 
 
 def read_text(path: Path) -> str:
-    """Return a text file in UTF-8. Raises UsageError where it cannot be read, DataError where it is too large or not UTF-8."""
+    """Return a text file in UTF-8. Raises UsageError for an unreadable file, DataError for a file
+    too large or not UTF-8.
+    """
     # spreadsheets begin a CSV with a byte order mark
     return as_text(read_bytes(path), str(path)).removeprefix("\ufeff")
 
@@ -85,7 +90,9 @@ def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file, over an older one if need be, so that a reader sees the old or the whole new one; its folder is made."""
+    """Write a file, over an older file if need be, so that a reader sees the old or the whole new
+    file; its folder is made.
+    """
     write_together({path: data}, over=True)
 
 
@@ -100,7 +107,8 @@ def write_once(path: Path, text: str) -> None:
 
 
 def write_hashed(path: Path, text: str) -> None:
-    """Write a text file and beside it its SHA-256 (``NAME.sha256``, as ``sha256sum --check`` reads it), both or neither.
+    """Write a text file and beside it its SHA-256 (``NAME.sha256``, in the format of ``sha256sum
+    --check``), both or neither.
 
     The same bytes may be written again; other bytes are refused (UsageError).
     """
@@ -110,14 +118,17 @@ def write_hashed(path: Path, text: str) -> None:
 
 
 def read_hashed(path: Path) -> str:
-    """Return a text file whose bytes have the hash that stands beside it; where none does, as it stands: another program wrote it.
+    """Return a text file whose bytes have the hash beside it; without a hash, the text unchecked:
+    another program wrote it.
 
-    A digit that a disk turned over would be another figure. Raises DataError for other bytes, and as `read_text`.
+    A digit changed by a disk would be another figure. Raises DataError for other bytes, and as
+    `read_text`.
     """
     data = read_bytes(path)
     if _hash_beside(path).is_file():
         stated, found = read_bytes(_hash_beside(path), largest=LARGEST_SETTINGS_BYTES), hashlib.sha256(data).hexdigest()
-        # the name behind it is no part: file and hash may have been copied to another one
+        # the name behind the hash is not checked: file and hash may have been copied to another
+        # name
         if stated[:66] != f"{found}  ".encode("ascii") or not stated.endswith(b"\n"):
             expected = f"SHA-256 {as_text(stated[:64], _hash_beside(path).name)}"
             raise DataError(str(path), expected=expected, found=found, remedy=message("result-solve-again"))
@@ -135,7 +146,9 @@ def refuse_existing(path: Path) -> None:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text file that must not be there yet, whole or not at all. Raises UsageError where it is, or where it cannot be written."""
+    """Write a new text file, whole or not at all. Raises UsageError if it exists or cannot be
+    written.
+    """
     refuse_existing(path)
     try:
         path.parent.stat()  # of a folder that is not there the name is wrong

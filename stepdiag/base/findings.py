@@ -16,11 +16,13 @@ NOWHERE = Place()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One remark, made by `finding` from a message. ``code`` is stable and documented in docs/findings.md.
+    """A remark, made by `finding` from a message. ``code`` is stable and documented in
+    docs/findings.md.
 
-    ``text`` is its English sentence, for people; that is all which an old log or result holds. Where it belongs stands in ``setup``,
-    ``way``, ``pass_number`` and ``stop`` (of a pass with the ``last`` stop), as far as it is known, and ``size_um`` is the size of what was
-    found. ``among`` are the passes, written ``ppp/1``, of which one is meant and the data do not say which.
+    ``text`` is its English sentence, for people; an old log or result holds nothing more. Its place
+    stands in ``setup``, ``way``, ``pass_number`` and ``stop`` (of a pass with the ``last`` stop),
+    as far as known, and ``size_um`` is its size. ``among`` are the passes, written ``ppp/1``, of
+    which a single pass is meant without evidence for which.
     """
 
     code: str
@@ -60,9 +62,10 @@ class Finding:
         return accepted(self.code, self.key, accept)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form of the contract: code, severity, action, text, its arguments, and where it belongs as far as that is known.
+        """Return the JSON form of the contract: code, severity, action, text, its arguments, and
+        its place as far as known.
 
-        ``key`` names the sentence where the code has several.
+        ``key`` names the sentence of a code with several.
         """
         place = {"setup": self.setup or None, "pass": self.pass_number, "stop": self.stop, "size_um": self.size_um}
         known: dict[str, Any] = {name: value for name, value in place.items() if value is not None}

@@ -16,14 +16,18 @@ from stepdiag.base.volume import Vector
 
 
 class Chain(NamedTuple):
-    """Axes (0, 1, 2) that carry the work, from workpiece to bed, and those that carry the tool, from bed to tool."""
+    """Axes (0, 1, 2) that carry the work, from workpiece to bed, and axes that carry the tool, from
+    bed to tool.
+    """
 
     work: tuple[int, ...]
     tool: tuple[int, ...]
 
 
 def parse_chain(text: str, where: str = "chain") -> Chain:
-    """Return the axes on both sides of the bed. Raises ``UsageError`` for anything but each axis once and one bed."""
+    """Return the axes on both sides of the bed. Raises ``UsageError`` for anything but each axis
+    once and a single bed.
+    """
     stripped = text.strip()
     iso = stripped.startswith("[") and stripped.endswith("]")
     words = stripped[1:-1].split() if iso else list(stripped)

@@ -68,7 +68,7 @@ Kept = Message | str | int | float | tuple[Item, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where something was: setup, way, pass, stop of the pass and its last stop, as far as each is known."""
+    """Place of an event: setup, way, pass, stop of the pass and its last stop, as far as known."""
 
     setup: str = ""
     way: Way = ""
@@ -152,7 +152,9 @@ def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
 
 
 def joined(parts: Sequence[Words]) -> Words:
-    """Return several sentences as one, with semicolons between them; a single one as it is, an empty text for none."""
+    """Return several sentences as a single text, with semicolons between them; a single sentence
+    unchanged, an empty text for none.
+    """
     return message("several", parts=parts) if len(parts) > 1 else next(iter(parts), "")
 
 
@@ -183,7 +185,7 @@ def of_log(text: str, kept_message: str) -> Words:
 
 
 def message_of(tree: object) -> Message | None:
-    """Return the message of JSON; None where it is none of this program's: its text is shown as it stands."""
+    """Return the message of JSON; None for JSON of another program: its text is shown unchanged."""
     try:
         return _message_of(tree)
     except (KeyError, TypeError, AttributeError):

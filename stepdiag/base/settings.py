@@ -1,8 +1,9 @@
 """Settings files in TOML against msgspec models, with messages for the person who wrote the file.
 
-Surveys, head calibrations and controller profiles pass through here. msgspec says where a value is wrong in its own words;
-here each field is looked at on its own, so that a refusal names the field as it stands in the file, what its type and limits ask for, and
-what was found. An unknown key is refused with the nearest known one. A value ``"?"`` is a question that nobody has answered yet.
+Surveys, head calibrations and controller profiles pass through here. msgspec names a wrong value in
+its own words; here each field is checked on its own, so that a refusal names the field by its name
+in the file, the type and limits, and the value found. An unknown key is refused with the nearest
+known key. A value ``"?"`` is an open question.
 """
 
 import difflib
@@ -25,6 +26,7 @@ Model = TypeVar("Model", bound=msgspec.Struct)
 
 UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
+"""Parts of a dotted name: the cost of the TOML reader grows with their square."""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),
@@ -46,7 +48,7 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def require_answers(data: object, source: str) -> None:
-    """Raise ``UsageError`` that lists every question of a template that is not answered yet."""
+    """Raise ``UsageError`` that lists every open question of a template."""
     questions = list(_unanswered(data, ""))
     if questions:
         remedy = message("unanswered", names=questions)
@@ -66,7 +68,7 @@ def nearest(word: str, known: list[str]) -> Message:
 
 
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
-    """Return the refusal of a key that nobody knows, with the nearest one that is known."""
+    """Return the refusal of an unknown key, with the nearest known key."""
     remedy = nearest(key, known) if _close(key, known) else ""
     return UsageError(
         f"{source}: {path}", expected=message("one-of", names=sorted(known)), found=message("unknown-name", name=key), remedy=remedy

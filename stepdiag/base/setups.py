@@ -73,7 +73,9 @@ class Setup:
 
 @lru_cache(maxsize=1024)
 def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SETUPS) -> Setup:
-    """Return the setup of a name. Raises ``UsageError`` with the nearest name for one that is none of ``names``, shifted or not."""
+    """Return the setup of a name. Raises ``UsageError`` with the nearest name for a name outside
+    ``names``, shifted or not.
+    """
     base, plus, number = name.partition("+")
     if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
         near = difflib.get_close_matches(base, names, cutoff=0.5)

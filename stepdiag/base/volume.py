@@ -11,8 +11,9 @@ from stepdiag.base.names import AXES
 Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
-"""Of one axis: out and back along four diagonals that is a survey of thirteen hours. The solver takes a minute and 2.4 GB for it, and both
-grow with the second to third power."""
+"""Most increments of an axis: out and back along four diagonals a survey of thirteen hours. The
+solver takes a minute and 2.4 GB for it, and both grow with the second to third power.
+"""
 SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
@@ -20,15 +21,19 @@ POSITION_TOLERANCE_MM = 0.125
 box together may differ by twice that, as recording takes stops (`daq.capture.place.route`). An error function changes by nanometres over
 such a way, which `solver.adjustment` takes off as well."""
 SHARE_OF_STEP = 0.25
-"""Of an increment, where that is less: two targets must not become one."""
+"""Of an increment, if less: two targets must not become one."""
 ROUNDING_MM = 1e-6
-"""Positions so close to each other are one: no control distinguishes them, and a slope between them is none."""
+"""Positions so close are equal: no control distinguishes them, and a slope between them has no
+meaning.
+"""
 
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
 """Of the distance between even targets, to either side; and how close even targets may be."""
 
 IN_STEP = 0.05
-"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
+"""Share of a wave's length: with so little more or less than whole waves from target to target ten
+increments see less than one slow wave of it.
+"""
 
 POINTS = 350
 """Of `anywhere_mm`."""
@@ -38,7 +43,8 @@ POINTS = 350
 class Volume:
     """A box cut in ``increments`` equal increments per axis.
 
-    An axis that no setup travels has the size 0: the box is then a face or a line, and nothing is known of that axis.
+    An axis that no setup travels has the size 0: the box is then a face or a line, and nothing is
+    known of this axis.
     """
 
     origin_mm: tuple[float, float, float]
@@ -58,7 +64,7 @@ class Volume:
 
     @property
     def travelled(self) -> tuple[bool, bool, bool]:
-        """Tell of each axis whether the survey travelled it."""
+        """Return for each axis whether the survey travelled it."""
         x, y, z = self.size_mm
         return x > 0, y > 0, z > 0
 
@@ -85,7 +91,9 @@ def position_tolerance_mm(step_mm: Vector) -> Vector:
 
 
 def reads_like_metres(size_mm: Iterable[float]) -> bool:
-    """Tell whether lengths that should be in mm are so small that somebody wrote metres: no machine tool has less than a centimetre."""
+    """Return whether lengths in mm are so small that they were written in metres: no machine tool
+    has less than a centimetre.
+    """
     return max(size_mm) < SHORTEST_MACHINE_MM
 
 

@@ -1,4 +1,4 @@
-"""What the links of a survey bring while somebody watches: counted, decoded, kept as the last of each."""
+"""The data of a survey's links during a watch: counted, decoded, the last of each kept."""
 
 import asyncio
 from collections import Counter
@@ -19,13 +19,15 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
 
 LOOK_S = 0.25
-"""How often the watch looks at the links and shows them."""
+"""Period in s of the watch's looks at the links."""
 NS = 1e-9
 
 
 @dataclass(slots=True)
 class LinkSeen:
-    """How a link fared: ``detail`` is the last text about it; ``losses`` counts how often it went after it had been there."""
+    """The state of a link: ``detail`` is its last text; ``losses`` counts its losses after a
+    connection.
+    """
 
     name: Link
     address: Words = ""
@@ -43,8 +45,9 @@ class LinkSeen:
 
 @dataclass(slots=True)
 class StreamSeen:
-    """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came,
-    ``heard`` the first bytes, ``conditions`` the last of air and material.
+    """Data of an instrument on a serial line. ``remarks`` is the last text of each notice code,
+    ``counts`` its number, ``heard`` the first bytes, ``conditions`` the last values of air and
+    material.
     """
 
     link: LinkSeen
@@ -96,7 +99,9 @@ class StreamSeen:
 
 @dataclass(slots=True)
 class MachineSeen:
-    """What the machine answered. ``changes`` counts for each signal how often it changed, ``unanswered`` what the last answer lacked."""
+    """Answers of the machine. ``changes`` counts the changes of each signal, ``unanswered`` the
+    gaps of the last answer.
+    """
 
     link: LinkSeen
     decoder: SignalDecoder
@@ -144,7 +149,9 @@ class Observation:
 
     @property
     def air(self) -> frozenset[str]:
-        """Return the signals of air and material that the laser or a sensor tells and the survey takes from it."""
+        """Return the signals of air and material that the laser or a sensor measures and the survey
+        takes from it.
+        """
         return frozenset(condition_names(self.survey, self.sensor))
 
     @property

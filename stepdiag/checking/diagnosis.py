@@ -1,6 +1,8 @@
-"""From what the links brought to words: what is wrong with laser, machine and register map, and what to do about it.
+"""From the data of the links to words: faults of laser, machine and register map, and their
+remedies.
 
-An error means that no survey can be recorded as things stand; a warning that a person has to look; a note what cannot be judged yet.
+An error means that no survey can be recorded in this state; a warning that the operator has to
+look; a note that a check is not possible yet.
 """
 
 from collections.abc import Iterator
@@ -13,7 +15,7 @@ from stepdiag.base.setups import CODED_FROM
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
-from stepdiag.daq.capture.remarks.stream_findings import STREAMS
+from stepdiag.daq.capture.remarks.remarks import STREAMS
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
@@ -24,7 +26,7 @@ from stepdiag.daq.timing.samples import Flag
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
 JUDGED_AFTER_S = 2.5
-"""What has to change or arrive is judged only after it had the time for it."""
+"""Time in s for a change or an arrival before its absence counts."""
 GARBAGE_SHARE = 0.01
 RATE_SHARE = 0.05
 POLL_SHARE = 0.8
@@ -34,7 +36,9 @@ PLAUSIBLE = {
     "z_mm": (-50_000.0, 50_000.0),
     **HALL,
 }
-"""What a machine in a hall can say; anything else was read from the wrong place or with the wrong type, byte order or scale."""
+"""Possible values of a machine in a hall; any other value was read from the wrong place or with the
+wrong type, byte order or scale.
+"""
 _FLAG_WORDS = {
     Flag.HEAD_ERROR: message("check-head-error"),
     Flag.SLEW: message("check-slew"),
@@ -81,7 +85,9 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
-    """Return the finding of a condition that the instrument should measure and does not: a warning where no reading depends on it."""
+    """Return the finding of a condition that the instrument should measure and does not: a warning
+    if no reading depends on it.
+    """
     if seen.survey.air_sensor is not None:
         return finding("error", message("conditions-held.sensor-silent", name=name))
     stated = getattr(seen.survey.environment, name)

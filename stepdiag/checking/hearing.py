@@ -1,6 +1,7 @@
-"""Who is there: listening to a port until an instrument is recognised, asking a host in every protocol of a control.
+"""Recognition of instruments and controls: listening to a port until an instrument is recognised,
+asking a host in every protocol of a control.
 
-Nothing is written to a machine. An instrument that speaks only when it is asked is asked for a reading.
+Nothing is written to a machine. A polled instrument is asked for a reading.
 """
 
 import asyncio
@@ -31,7 +32,7 @@ from stepdiag.daq.survey.models import Plc
 
 PROBED = ("modbus", "siemens-828d", "heidenhain")
 ANSWER_S = 10.0
-"""How long a control may take to answer a question."""
+"""Longest time for a control's answer in s."""
 _LOOK_S = 0.1
 _NETWORK_PORTS = {9090: "ids3010", 2101: "qudis"}
 _SPEAKERS: dict[str, FormatSettings] = {
@@ -53,7 +54,7 @@ class PortSeen:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What was heard on a port: the format that makes sense of it (empty where none does), the rate, the first bytes, what went wrong."""
+    """The bytes of a port: their format (empty if none), the rate, the first bytes, the failure."""
 
     format: str
     baud: int
@@ -63,7 +64,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """What a host answered in the protocol of a control: its signals, or why there are none."""
+    """The answer of a host in the protocol of a control: its signals, or the reason for none."""
 
     control: str
     signals: Signals | None
@@ -71,7 +72,9 @@ class Answered:
 
 
 def ports() -> list[PortSeen]:
-    """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one."""
+    """Return the serial ports of this computer with a device, by their lasting name (``by-id``) if
+    any.
+    """
     return [PortSeen(name, words) for name, words in present_ports().items()]
 
 
@@ -86,10 +89,11 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
 
 
 async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> list[Answered]:
-    """Ask a host for the signals of ``controls``, one protocol after the other; ``tcp_port`` 0 stands for the usual ports.
+    """Ask a host for the signals of ``controls``, protocol after protocol; ``tcp_port`` 0 stands
+    for the usual ports.
 
-    (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.) A port that is named speaks
-    one protocol: who answers there is the last that is asked.
+    (Not at once: loading a library holds up the loop, and an answer meanwhile would count as late.)
+    A named port has a single protocol: the first control that answers there is the last asked.
     """
     answered: list[Answered] = []
     for control in controls:

@@ -1,4 +1,4 @@
-"""What the links show, as a table: live on a terminal, once at the end elsewhere."""
+"""The state of the links as a table: live on a terminal, once at the end elsewhere."""
 
 from typing import Any
 
@@ -85,7 +85,7 @@ def _stream_json(stream: StreamSeen) -> dict[str, Any]:
         "garbage": stream.counts["garbage"],
         "reading_mm": stream.position_mm,
         "beam": stream.beam,
-        "told": dict(stream.conditions),
+        "conditions": dict(stream.conditions),
     }
 
 

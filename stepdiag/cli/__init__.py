@@ -1,4 +1,6 @@
-"""One module a group of commands; each offers ``register(app)``. Heavy imports stay inside the functions."""
+"""A module per group of commands; each offers ``register(app)``. Heavy imports stay inside the
+functions.
+"""
 
 MODULES = (
     "demo",

@@ -67,7 +67,9 @@ def next_setup(
 
 
 def _programs(file: Path, setup: str) -> list[str]:
-    """Write the NC program of a setup for each control of the survey that programs are written for, beside the file; return their names."""
+    """Write the NC program of a setup for each of the survey's controls with programs, beside the
+    file; return the names.
+    """
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile

@@ -50,7 +50,7 @@ def build() -> Callable[[], None]:
 
 
 def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
-    """Have each command that needs Linux refuse, whatever its arguments."""
+    """Have each command that needs Linux refuse, for any arguments."""
     for command in group.registered_commands:
         name = before + str(command.name or getattr(command.callback, "__name__", ""))
         if name in LINUX_ONLY and command.callback:

@@ -12,6 +12,7 @@ from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
+"""Certificates of a survey before the names run out."""
 
 
 def register(app: typer.Typer) -> None:
@@ -56,11 +57,12 @@ def certificate(
 
 
 def certify_folder(folder: Path) -> Path:
-    """Write the certificate of a finished survey beside its logs, as a person at the page asks for it; return its path.
+    """Write the certificate of a finished survey beside its logs, on request of the page; return
+    its path.
 
-    It names the files of every export, and a report of its own (``certificate.html``) that has the laboratory's file in it;
-    ``laboratory.toml`` stands in the folder of the survey or above, where one is. A certificate that is there stays: the next one has a
-    number.
+    The certificate names the files of every export, and a report of its own (``certificate.html``)
+    with the laboratory's file; ``laboratory.toml`` stands in the folder of the survey or above, if
+    any. An existing certificate stays: the next has a number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.certificate.reports import language_of

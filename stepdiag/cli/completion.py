@@ -1,14 +1,17 @@
-"""What the shell offers when Tab is pressed, and the names in the help: words that must cost no import."""
+"""The shell's suggestions on Tab, and the names in the help: words that must cost no import."""
 
 from typing import Annotated
 
 import typer
 
 AsJson = Annotated[bool, typer.Option("--json")]
+Verbose = Annotated[bool, typer.Option("--verbose")]
 TABLES = ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral")
 """The controls that tables are written for: the names of `stepdiag.exporters.profiles.registry.CONTROLLERS`."""
 FIELDS = ("lattice", "etalon")
-"""What else ``export`` writes: correction vectors of the whole volume, and the Etalon Exchange format."""
+"""Further outputs of ``export``: correction vectors of the whole volume, and the Etalon Exchange
+format.
+"""
 PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
 """The controls that programs are written for."""
 LANGUAGES = ("en", "de")

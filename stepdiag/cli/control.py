@@ -9,11 +9,11 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, message
 from stepdiag.cli.certificate import JUDGED_WRONG, verify_file
-from stepdiag.cli.completion import AsJson, exported, tables
+from stepdiag.cli.completion import AsJson, Verbose, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, compared, print_compared
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_words, shown, viewers_language
+from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,6 +65,7 @@ def export(
     active: list[Path] | None = None,
     active_date: ActiveDate = None,
     active_source: str = "",
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the compensation files of a result."""
@@ -80,12 +81,13 @@ def export(
     if as_json:
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
     else:
-        _print_export(written)
-        say_granted([measured])
+        _print_export(written, verbose=verbose)
+        if verbose:
+            say_granted([measured])
 
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
-    """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
+    """Print the accepted codes without a finding in the export: mistyped, or not needed."""
     if unused := [code for code in accept if not any(each.is_accepted([code]) for each in written.findings)]:
         print_words(message("accept-unused", codes=unused), err=True)
 
@@ -120,20 +122,19 @@ def _file_json(file: "ControlFile") -> dict[str, str]:
     return {"name": file.name, "sha256": hashlib.sha256(file.data).hexdigest()}
 
 
-def _print_export(written: "ExportReport") -> None:
+def _print_export(written: "ExportReport", *, verbose: bool) -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.tables import effect_table, finding_lines
+    from stepdiag.terminal.tables import effect_table, print_findings
 
     typer.echo(shown(message("files-written", count=len(written.files), folder=str(written.out_dir))))
-    for name in written.files:
+    for name in written.files if verbose else ():
         typer.echo(f"  {name}")
-    for line in finding_lines(written.findings):
-        typer.echo(line)
+    print_findings(written.findings, verbose=verbose)
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
     _print_load(written)
-    typer.echo(shown(message("how-to-load")))
+    print_lines([shown(message("how-to-load"))])
 
 
 def _print_load(written: "ExportReport") -> None:
@@ -141,7 +142,7 @@ def _print_load(written: "ExportReport") -> None:
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
-        typer.echo(render(sentence, viewers_language()))
+        print_lines([render(sentence, viewers_language())])
 
 
 def import_(
@@ -271,10 +272,12 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
 
 
 def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
-    """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
+    """Return the active files, and the names of the files left aside: notes for people, and restore
+    files beside their originals.
 
-    A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by
-    its name. Raises DataError where no file is for a control, SafetyError where a set is not as it was written.
+    A folder stands for the set that an export wrote into it; a file of no control that is not a
+    note stays, and is refused by its name. Raises DataError without a file for a control,
+    SafetyError for a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore
@@ -323,14 +326,15 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
     from stepdiag.base.files import write_atomically
     from stepdiag.conclusion import reach_of
-    from stepdiag.report.drawings.effect import SUFFIXES, effect_drawing, effect_file
+    from stepdiag.report.drawings.effect import SUFFIXES, TITLE, drawing_file, effect_drawing
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--out", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=out.name)
     reach = reach_of(found.prediction.predicted)
-    drawing = effect_drawing(drawn, reach)
-    write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
+    language = viewers_language()
+    drawing = drawing_file(effect_drawing(drawn, reach, language), suffix, shown(TITLE), language)
+    write_atomically(out, drawing.encode("utf-8"))
 
 
 def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]", measured_with: str) -> None:

@@ -1,14 +1,14 @@
 """``stepdiag demo``: the whole job on a virtual machine."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import message
-from stepdiag.cli.completion import AsJson
-from stepdiag.terminal.viewer import empty_table, print_words, shown
+from stepdiag.base.messages import Message, Words, message
+from stepdiag.cli.completion import AsJson, Verbose
+from stepdiag.terminal.viewer import empty_table, print_lines, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
@@ -25,6 +25,7 @@ def demo(
     seed: int = 1,
     live: Annotated[bool, typer.Option("--live")] = False,
     browser: bool | None = None,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Do the whole job on a virtual machine."""
@@ -41,14 +42,24 @@ def demo(
     from stepdiag.demo.demo import demonstrate
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description:<12}"), BarColumn(), MofNCompleteColumn(), TextColumn("stops"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(shown(message("stops-unit"))),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("starting", total=None)
-        found = demonstrate(out, seed, lambda what, done, total: bar.update(task, description=what, completed=done, total=total))
+        task = bar.add_task(shown(message("demo-starting")), total=None)
+
+        def progress(what: Message, done: int, total: int) -> None:
+            bar.update(task, description=shown(what), completed=done, total=total)
+
+        found = demonstrate(out, seed, progress)
     if as_json:
         _print_json(found)
     else:
-        _print_table(found)
+        _print_table(found, verbose=verbose)
 
 
 def _live(out: Path, seed: int, *, browser: bool) -> None:
@@ -60,7 +71,7 @@ def _live(out: Path, seed: int, *, browser: bool) -> None:
 
 
 class _Watching:
-    """Who watches the live demo, at a terminal: lines out, keys in."""
+    """The viewer of the live demo, at a terminal: lines out, keys in."""
 
     def __init__(self, keys: "Keyboard", *, browser: bool) -> None:
         self._keys = keys
@@ -75,18 +86,17 @@ class _Watching:
         enter = shown(message("demo-enter"))
         typer.echo(f"  {enter}")
         for key, each in KEYS.items():
-            typer.echo(f"  {key}      {each.does}")
-        typer.echo("  q      end\n")
+            typer.echo(f"  {key}      {shown(each.does)}")
+        end = shown(message("key-end"))
+        typer.echo(f"  q      {end}\n")
         if self._browser:
             import webbrowser
 
             webbrowser.open(address)
 
-    def show(self, line: str) -> None:
+    def show(self, line: Words) -> None:
         """Print what happens."""
-        from stepdiag.terminal.printable import printable
-
-        typer.echo(printable(line))
+        print_words(line)
 
     def pressed(self) -> str:
         """Return the key that was pressed; the end of the input ends the demo."""
@@ -96,29 +106,28 @@ class _Watching:
         return END if self._keys.ended else key
 
 
-def _print_table(found: "Demonstrated") -> None:
+def _print_table(found: "Demonstrated", *, verbose: bool) -> None:
     from rich.console import Console
 
     from stepdiag.cli.status import concluded_in
+    from stepdiag.demo.reach import FORMS
 
     table = empty_table(message("table-demo"))
-    rows = [("as it is", found.before)]
-    named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
+    named = {"fanuc": message("demo-fanuc"), "siemens": message("demo-siemens"), **{str(form.name): form.name for form in FORMS}}
     forms = {**found.after, **found.reach}
     worst_first = sorted(forms, key=lambda name: -forms[name].rms_um)
-    rows += [(named.get(name, name), forms[name]) for name in worst_first]
-    for name, figures in rows:
-        table.add_row(name, f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
-    console = Console()
-    console.print(table)
+    for name, figures in [(message("as-it-is"), found.before), *((named[name], forms[name]) for name in worst_first)]:
+        table.add_row(shown(name), f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
+    Console().print(table)
     for each in found.promises:
-        stated = f"the result states {each.stated.words()} µm rms (k = 2)"
-        words = f"{each.of}: {stated}; the truth, {each.true_um:.2f} µm, lies {'inside' if each.kept else 'OUTSIDE'}."
-        console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
-    for line in concluded_in(found.round):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    print_words(message("demo-forms"))
-    print_words(message("demo-done", seconds_s=found.seconds, path=str(found.round / "report.html")))
+        key: Literal["demo-promise-kept", "demo-promise-broken"] = "demo-promise-kept" if each.kept else "demo-promise-broken"
+        words = shown(message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um))
+        print_lines([words[0].upper() + words[1:]])
+    if verbose:
+        print_lines(concluded_in(found.round))
+        print_lines([shown(message("demo-forms"))])
+    report = str(found.round / "report.html")
+    print_lines([shown(message("demo-done", seconds_s=found.seconds, path=report)), shown(message("demo-next", folder=str(found.folder)))])
 
 
 def _print_json(found: "Demonstrated") -> None:

@@ -14,12 +14,19 @@ from stepdiag.cli.completion import AsJson
 from stepdiag.terminal.viewer import language_named, print_words, shown
 
 if TYPE_CHECKING:
-    from stepdiag.fleet.history import LeftOut
     from stepdiag.fleet.resolve import Scheduler
+    from stepdiag.fleet.series import LeftOut
     from stepdiag.fleet.trend import Trend
 
 
 archive = typer.Typer(no_args_is_help=True)
+OUTCOMES = {
+    "archived": message("outcome-archived"),
+    "already there": message("outcome-there"),
+    "the same bytes": message("outcome-same"),
+    "solved anew": message("outcome-anew"),
+    "failed": message("outcome-failed"),
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -63,7 +70,7 @@ def add(
         for each in counted(found, message("archiving"), len(found)):
             added.append(put(each, store))
             if not as_json:
-                typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
+                print_words(message("archived-each", outcome=OUTCOMES[added[-1].outcome], source=str(each), folder=added[-1].place.folder))
             if unknown := undated(each):
                 typer.echo(printable(f"{each}: {unknown}"), err=True)
     finally:
@@ -77,7 +84,7 @@ def add(
 
 @archive.command()
 def check(store: str) -> None:
-    """Read every byte of a store, and name each file that is not as it was written."""
+    """Read every byte of a store, and name each changed file."""
     with extra_needed("fleet"):
         from stepdiag.fleet import custody
         from stepdiag.fleet.store import Store
@@ -193,8 +200,9 @@ def resolve(
     try:
         for each in resolving.resolve(place, surveys, by, survey=text):
             found.append(each)
-            outcome = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
-            typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {outcome}", err=as_json)
+            outcomes = [OUTCOMES[each.outcome], *each.changed, *([each.reason] if each.reason != "" else [])]
+            done = message("resolved-each", number=len(found), count=len(surveys), folder=each.place.folder, outcomes=outcomes)
+            print_words(done, err=as_json)
     finally:
         refresh_index(place)
     if as_json:
@@ -208,7 +216,9 @@ def resolve(
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
-    """Return the scheduler that is named. Raises UsageError for one without TLS: it would run the code of whoever reaches it."""
+    """Return the named scheduler. Raises UsageError for a scheduler without TLS: it would run the
+    code of any client.
+    """
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):

@@ -10,14 +10,14 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import AsJson
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
 ALIGN_S, STABILITY_S = 3600.0, 960.0
-"""How long a live head is recorded where nothing is stated."""
+"""Recording times of a live head in s, if not stated."""
 
 commands = typer.Typer(no_args_is_help=True)
 
@@ -87,7 +87,7 @@ def calibrate(
         file = with_curve(file, detector, axis, fitted).with_measured("fourdof calibrate", _today(), f"{detector}.{axis}")
     write_calibration(out, file)
     if plot is not None:
-        _draw(plot, calibration_charts(fits), "residuals of the calibration")
+        _draw(plot, calibration_charts(fits), shown(message("sheet-residuals")))
     if as_json:
         figures = {name: {"unit": each.run.unit, "residual": each.limits, "u_um": each.fit.curve.u_um} for name, each in fits.items()}
         typer.echo(json.dumps(figures, indent=2))
@@ -198,7 +198,7 @@ def compare(
     found = compare_curves(ours, parse_curves(read_text(reference), reference.name))
     arms = arms_of(ours, found)
     if plot is not None:
-        _draw(plot, comparison_charts(found), "head minus reference")
+        _draw(plot, comparison_charts(found), shown(message("sheet-head-reference")))
     if as_json:
         figures: dict[str, object] = {name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}
         typer.echo(json.dumps(figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2))
@@ -255,4 +255,4 @@ def _draw(path: Path, charts: list[str], title: str) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--plot", expected=message("file-named", endings=[f"*{suffix}" for suffix in SUFFIXES]), found=path.name)
-    write_atomically(path, sheet(charts, title, suffix).encode("utf-8"))
+    write_atomically(path, sheet(charts, title, suffix, viewers_language()).encode("utf-8"))

@@ -1,4 +1,4 @@
-"""What U takes for granted, beside every U that a command prints."""
+"""The assumptions behind U, beside every U that a command prints."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

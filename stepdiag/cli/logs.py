@@ -1,4 +1,6 @@
-"""``stepdiag info``, ``recover`` and ``decode``: what is in a log, mending one that was cut off, and every sample of it."""
+"""``stepdiag info``, ``recover`` and ``decode``: the contents of a log, mending a log that was cut
+off, and every sample of a log.
+"""
 
 import json
 from pathlib import Path
@@ -80,7 +82,7 @@ def decode(
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
-    """Have a file written under another name and give it its own when it is whole."""
+    """Have a file written under another name and rename it when whole."""
     from stepdiag.base.disk.part import part_of, publish_new
 
     with part_of(target) as folder:

@@ -9,9 +9,9 @@ import typer
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
-from stepdiag.cli.completion import AsJson
+from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.cli.granted import say_assumed
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_lines, print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.base.readings.runs import Plan
@@ -32,9 +32,11 @@ def plan(
     minutes: float | None = None,
     target_um: float | None = None,
     apply: Annotated[bool, typer.Option("--apply")] = False,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Predict what a survey will tell, and in what time."""
+    from stepdiag.completion.ahead import known_before
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.recording.rounds import noted_stops, round_folders
     from stepdiag.daq.replay import begun_logs
@@ -47,13 +49,16 @@ def plan(
     survey = load_survey(file)
     folders = round_folders(survey.folder(file))
     stops = [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
-    advice = _advise(own_minutes(survey, stops), circumstances(survey, file.parent), minutes, target_um)
+    about, last = known_before(file, survey, circumstances(survey, file.parent))
+    advice = _advise(own_minutes(survey, stops), about, minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
+    if last is not None:
+        print_words(message("known-before", folder=str(last), angles_urad=about.assumed.angles_urad), err=True)
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
-        _print(advice, asked=asked)
+        _print(advice, asked=asked, verbose=verbose)
     if apply:
         _apply(file, survey, advice, asked=asked)
 
@@ -99,6 +104,7 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         repeats=max(run.repeats for run in plan.runs),
         return_pass=any(run.return_pass for run in plan.runs),
         axis_orders=next((run.axis_orders for run in plan.runs if run.axis_orders), ()),
+        dwell_s=plan.pace.dwell_s,
         beam_offset=offsets,
     )
 
@@ -141,6 +147,7 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
     return {
         "increments": forecast.plan.volume.increments,
+        "dwell_s": forecast.plan.pace.dwell_s,
         "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm,
                   "axis_orders": list(run.axis_orders), "targets": run.targets}
                  for run in forecast.plan.runs],
@@ -161,18 +168,21 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
     return {name: size if isfinite(size) else None for name, size in sizes.items()}
 
 
-def _print(advice: "Advice", *, asked: bool) -> None:
+def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:
     from rich.console import Console
 
     from stepdiag.terminal.plan_tables import forecast_table, front_table, in_words
 
     console = Console()
-    print_words(in_words(advice.forecast))
-    console.print(forecast_table(advice.forecast))
-    console.print(front_table(advice))
+    print_lines([shown(in_words(advice.forecast))])
+    if verbose:
+        console.print(forecast_table(advice.forecast))
+    console.print(front_table(advice, verbose=verbose))
     if advice.best is not None:
-        print_words(message("best-survey", what=in_words(advice.best)))
-        console.print(forecast_table(advice.best))
+        print_lines([shown(message("best-survey", what=in_words(advice.best)))])
+        if verbose:
+            console.print(forecast_table(advice.best))
     elif asked:
         print_words(message("no-survey-fits"))
-    say_assumed(advice.forecast.assumed.stated())
+    if verbose:
+        say_assumed(advice.forecast.assumed.stated())

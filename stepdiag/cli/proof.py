@@ -9,7 +9,7 @@ import typer
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.cli.completion import TABLES, AsJson, tables
-from stepdiag.terminal.viewer import print_words, shown
+from stepdiag.terminal.viewer import empty_table, print_words, shown
 
 if TYPE_CHECKING:
     from datetime import date
@@ -92,7 +92,9 @@ def _plan(
         typer.echo(json.dumps({**asdict(plan), "survey": str(target), "programs": programs}, indent=2))
         return
     _print_plan(plan)
-    typer.echo("\n".join([f"survey file of the proof run: {target}", *(f"program: {name}" for name in programs)]))
+    print_words(message("proof-survey", path=str(target)))
+    for name in programs:
+        print_words(message("program-in", path=name))
     print_words(message("run-then-proof", path=str(target)))
 
 
@@ -119,11 +121,8 @@ def _programs(target: Path, controller: str, profile: Path | None, out: Path | N
 
 def _print_plan(plan: "ProofPlan") -> None:
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table(title=f"{' and '.join(plan.setups)}, {plan.repeats} times out and back, {plan.minutes:.0f} minutes")
-    for column in ("table", "change in the readings / µm (rms)", "U (k = 2) / µm"):
-        table.add_column(column, justify="left" if column == "table" else "right")
+    table = empty_table(message("table-proof", setups=plan.setups, repeats=plan.repeats, minutes=plan.minutes))
     for each in plan.foreseen:
         table.add_row(each.function, f"{each.seen_um:.2f}", f"{each.expanded_um:.2f}")
     Console().print(table)
@@ -161,7 +160,8 @@ def _judge(file: Path, survey: "Survey", *, as_json: bool) -> None:
             for path in _restore_files(file, survey):
                 typer.echo(f"  {path}")
         if records:
-            typer.echo("\n".join(["in place of a sign test, for the profile:", *records]))
+            print_words(message("in-place-of-sign-test"))
+            typer.echo("\n".join(records))
     raise typer.Exit(EXIT_CODES[verdict.action])
 
 

@@ -111,7 +111,9 @@ def _endpoint(
 
 
 def _who(file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool) -> tuple[str | None, str | None]:
-    """Return user and password. Raises UsageError for a password without a user, and for one that others could read on the way."""
+    """Return user and password. Raises UsageError for a password without a user, and for a password
+    that others could read on the way.
+    """
     from stepdiag.page.settings import is_loopback, secret
 
     known_user = user or secret(file, f"{kind}-user", "", "--user") or None

@@ -94,9 +94,10 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
 
 
 def read_result(path: Path, name: str = "") -> "Result":
-    """Return the result in a file or in the folder of a survey, called ``name`` or as its file.
+    """Return the result in a file or in the folder of a survey, named ``name`` or like its file.
 
-    Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
+    Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
+    result.
     """
     from stepdiag.base.files import read_hashed
     from stepdiag.base.result.result import parse_result

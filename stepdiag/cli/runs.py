@@ -71,12 +71,14 @@ def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readi
 
 
 def files_of(runs: Sequence[str]) -> list[Path]:
-    """Return the files that the runs name. Raises UsageError for one that is written wrongly."""
+    """Return the files named by the runs. Raises UsageError for a run in the wrong form."""
     return [_placed(option)[1] for option in runs]
 
 
 def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
-    """Return predicted against measured for each straight diagonal: the mean of its runs, less that of the first target."""
+    """Return predicted against measured for each straight diagonal: the mean of its runs, less the
+    value at the first target.
+    """
     import numpy as np
 
     from stepdiag.base.files import read_text

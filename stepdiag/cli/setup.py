@@ -110,7 +110,9 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
-    """Return the control, its host and its TCP port (0: the usual one): asked for, probed in each protocol or in that of the named one."""
+    """Return the control, its host and its TCP port (0: the usual port): asked for, probed in each
+    protocol or in the protocol of the named control.
+    """
     from stepdiag.daq.survey.controls import CONTROLS
 
     if control is not None and _known_control(control, "--control") == "none":
@@ -157,12 +159,12 @@ def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) ->
 
 
 def _likely(answered: "list[Answered]") -> str | None:
-    """Return the control that answered, where one did."""
+    """Return the control that answered, if any."""
     return next((each.control for each in answered if each.signals is not None), None)
 
 
 def _shown(text: str, source: str, seconds: float) -> bool:
-    """Show the signals of the survey as it is going to be; return whether it can be recorded as things stand."""
+    """Show the signals of the future survey; return whether it can be recorded in this state."""
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
     from stepdiag.cli.check import show_findings, watched

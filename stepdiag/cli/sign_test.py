@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.cli.completion import AsJson, tables
-from stepdiag.terminal.viewer import print_words
+from stepdiag.terminal.viewer import print_words, shown
 
 if TYPE_CHECKING:
     from stepdiag.exporters.safety.sign_run import SignRun
@@ -93,23 +93,29 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
 
     moving, measured = test.function[2], test.function[1]
     along = moving == measured
-    laser = f"a laser along {measured}" if along else f"a dial or a straightness laser that sees {measured}"
     decisive = [test.reference_mm, test.top_mm, *([] if test.beyond_mm is None else [test.beyond_mm])]
-    places = f"{', '.join(f'{at:g}' for at in decisive)} mm and positions between them, {FEWEST} at least"
-    reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
+    drive = message(
+        "bump-drive",
+        laser=message("bump-laser" if along else "bump-dial", axis=measured),
+        moving=moving,
+        places=[f"{at:g}" for at in decisive],
+        fewest=FEWEST,
+    )
+    aside = [] if test.lever is None else [message("bump-aside", axis=test.lever[0], at_mm=test.lever[1])]
     ends = f" --result {'result.json' if result is None else result.name}"
-    expected = f"{measured} moves {test.expected_um:+.1f} µm at {test.top_mm:g} mm"
-    aside = "" if test.lever is None else f" {test.lever[0]} stands at {test.lever[1]:g} mm all the time."
-    steps = (
-        f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.{aside}",
-        f"Load {', '.join(file.name for file in test.files if file.role != 'note')} as EXPORT_REPORT.txt of an export says; switch on.",
-        f"Reference the axes. At {test.reference_mm:g} mm nothing may jump; if it does, switch off and stop here.",
-        f"Drive {moving} to the same positions.{aside} If the stated sign is right, {expected}.",
-        f"Load the restore files ({', '.join(file.name for file in test.restore)}) or your backup.",
+    reading = "--off OFF.csv --on ON.csv" if along else "--run RUN.csv"
+    steps: tuple[Words, ...] = (
+        *aside,
+        message("bump-before", drive=drive),
+        message("bump-load", files=[file.name for file in test.files if file.role != "note"]),
+        message("bump-reference", at_mm=test.reference_mm),
+        message("bump-after", moving=moving, measured=measured, expected_um=test.expected_um, top_mm=test.top_mm),
+        message("bump-restore", files=[file.name for file in test.restore]),
+        message("bump-readings" if along else "bump-run"),
         f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} --function {test.function} {reading}",
     )
-    lines = [f"SIGN TEST of {test.function} on {controller}", *(f"{number}. {step}" for number, step in enumerate(steps, start=1))]
-    return "\n".join(lines) + "\n"
+    title = shown(message("bump-title", function=test.function, controller=controller))
+    return "\n".join([title, *(f"{number}. {shown(step)}" for number, step in enumerate(steps, start=1))]) + "\n"
 
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":

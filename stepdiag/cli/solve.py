@@ -10,10 +10,10 @@ import typer
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
-from stepdiag.cli.completion import AsJson
+from stepdiag.cli.completion import AsJson, Verbose
 from stepdiag.cli.runs import files_of, with_files
 from stepdiag.cli.stated import ActiveDate, active_files, with_compensation
-from stepdiag.terminal.viewer import print_words, viewers_language
+from stepdiag.terminal.viewer import print_lines, print_words, shown, viewers_language
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,7 @@ MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
 """Methods that take the readings alone."""
 CHAIN = "FXYZ"
-"""The chain of readings that come without one."""
+"""The default chain of readings."""
 
 
 def register(app: typer.Typer) -> None:
@@ -50,11 +50,12 @@ def solve(
     tolerance: Path | None = None,
     run: list[str] | None = None,
     monte_carlo: int = 0,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve readings or logs."""
     from stepdiag.completion.readings_file import Beside, solve_readings_file, source_of
-    from stepdiag.terminal.tables import result_table
+    from stepdiag.terminal.tables import print_findings, print_tables
 
     handed = active_files(active)
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
@@ -90,16 +91,20 @@ def solve(
     if as_json:
         typer.echo(result.to_json(), nl=False)
     else:
-        result_table(result, out)
-        for line in concluded(result):
-            typer.echo(line)
+        print_lines(concluded(result, verbose=verbose))
+        if verbose:
+            print_tables(result)
+        print_findings(result.findings, verbose=verbose)
+        if out is not None:
+            print_lines([shown(message("written-to", path=str(out)))])
 
 
-def concluded(result: "Result") -> list[str]:
-    """Return the conclusion of a result alone, as lines of a terminal."""
+def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
+    """Return the conclusion of a result alone, as lines of a terminal; without ``verbose`` not what it rests on."""
     from stepdiag.conclusion import conclude, conclusion_document
 
-    return in_lines(conclusion_document(conclude(result)))
+    document = conclusion_document(conclude(result))
+    return in_lines(document if verbose else {**document, "basis": []})
 
 
 def in_lines(document: "Mapping[str, Any]") -> list[str]:
@@ -121,7 +126,9 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
-    """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
+    """Return the result of logs. Raises UsageError for a file without the name of a log: readings
+    are a single file, named *.csv.
+    """
     from stepdiag.base.files import read_text
     from stepdiag.completion.completion import replay_judged, solve_logs
     from stepdiag.completion.readings_file import source_of

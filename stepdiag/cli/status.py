@@ -1,4 +1,6 @@
-"""``stepdiag status``: how a survey stands, from its logs alone; works beside a daemon that runs, and after one that died."""
+"""``stepdiag status``: the state of a survey, from its logs alone; works beside a running daemon,
+and after a dead daemon.
+"""
 
 import json
 import shlex
@@ -121,7 +123,9 @@ def _ahead(found: "Standing") -> "list[Words]":
 
 
 def _undated(found: "Standing") -> "list[Words]":
-    """Return that the clock was never set, with the command that states the time; nothing where it was set, or the time is stated."""
+    """Return the message that the clock was never set, with the command that states the time; empty
+    for a set clock or a stated time.
+    """
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
@@ -134,7 +138,7 @@ def _concluded(found: "Standing") -> list[str]:
 
 
 def concluded_in(folder: Path) -> list[str]:
-    """Return the conclusion that stands in a survey's folder, as lines; none before there is one."""
+    """Return the conclusion in a survey's folder, as lines; none before the conclusion."""
     from stepdiag.cli.solve import in_lines
     from stepdiag.conclusion import conclusion_in
 
@@ -167,13 +171,15 @@ def _live(found: "Standing") -> "list[Words]":
         for name, link in links.items()
         if link is not None
     ]
-    air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
+    air = ", ".join(f"{name} {value:g}" for name, value in found.live.conditions.items())
     lines += [message("status-air", values=air)] if air else []
     return [*lines, message("status-waits", what=found.live.waits_for), *([found.live.message] if found.live.message else [])]
 
 
 def _doubted(found: "Standing") -> "list[Words]":
-    """Return every doubt in its words, unless a setup's line holds them, and after those of a place the command that accepts them."""
+    """Return every doubt in its words, unless a setup's line holds them, and after the doubts of a
+    place the command that accepts them.
+    """
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))

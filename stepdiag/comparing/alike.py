@@ -1,4 +1,6 @@
-"""One door for results that are held against each other: what must be alike, what can be brought together, and what is remarked."""
+"""The common check of results to be compared: required agreement, possible adaptation, and
+remarks.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,14 +17,17 @@ from stepdiag.solver.model.effects import TURNING
 ALMOST = 0.01
 """Of the shortest side: ends of two volumes that differ by less are the same."""
 ALIKE = (*TURNING, "angle origin")
-"""Sources that are the same in two surveys of one machine: angles that nobody measured are in both, and not in their difference."""
+"""Sources that are the same in two surveys of a machine: unmeasured angles are in both, and not in
+their difference.
+"""
 OF_INSTRUMENTS = ("air",)
 """Sources that are the same in two surveys by the same instruments: wavelength and air sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """What a result says of itself that decides with which others it compares; a text that it does not state is empty.
+    """The facts of a result that decide its comparability with others; a text that it does not
+    state is empty.
 
     ``volume_mm`` holds origin and size, ``errors`` the codes of findings that are errors.
     """

@@ -1,4 +1,4 @@
-"""Results of one machine beside each other: what changed, and whether it changed by more than the uncertainty."""
+"""Results of a machine beside each other: its changes, and whether they exceed the uncertainty."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -29,10 +29,10 @@ Shares = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """How one quantity changed from the first result to the second.
+    """Change of a quantity from the first result to the second.
 
-    For a function, the node where the difference is largest against its uncertainty. ``verdict`` is None where one of the results does
-    not identify the quantity or states no uncertainty.
+    For a function, the node where the difference is largest against its uncertainty. ``verdict`` is
+    None if a result does not identify the quantity or states no uncertainty.
     """
 
     name: str
@@ -70,7 +70,9 @@ class Comparison:
 
 
 def require_alike(before: Result, after: Result) -> None:
-    """Raise ``DataError`` where two results are not of one machine as it stood: another name, or what `alike.apart` names."""
+    """Raise ``DataError`` if two results are not of the same machine in the same state: another
+    name, or a reason of `alike.apart`.
+    """
     first, second = ((result.survey or Facts()).machine for result in (before, after))
     if first and second and first != second:
         remedy = message("compare-renamed")
@@ -88,9 +90,11 @@ def require_alike(before: Result, after: Result) -> None:
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return what changed; all quantities together are reported as changed by chance as seldom as one beyond k = 2.
+    """Return the changes; all quantities together are reported as changed by chance as seldom as a
+    single quantity beyond k = 2.
 
-    Raises ``DataError`` where the results are not of one machine as it stood (`require_alike`), or have no common volume.
+    Raises ``DataError`` if the results are not of the same machine in the same state
+    (`require_alike`), or have no common volume.
     """
     require_alike(before, after)
     common = _common_volume([before, after])
@@ -108,7 +112,9 @@ def compare(before: Result, after: Result) -> Comparison:
 
 
 def require_same_volume(before: Result, after: Result) -> None:
-    """Raise ``DataError`` where one result covers another volume: in a smaller one errors are smaller, and nothing was gained."""
+    """Raise ``DataError`` if a result covers another volume: in a smaller volume errors are smaller
+    without any gain.
+    """
     if not same_volume(standing_of(before), standing_of(after)):
         boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
         shown = [f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes]
@@ -138,9 +144,11 @@ class _Asked:
 
 
 def _judged(before: Result, after: Result) -> tuple[Change, ...]:
-    """Return every change with its verdict: beyond what one of all nodes and numbers shows by chance, or none larger than three U hides.
+    """Return every change with its verdict: beyond the largest chance difference of all nodes and
+    numbers, or none larger than three U hides.
 
-    Surveys that scatter beyond U do so in all quantities: the median of their differences widens each. Loading changes all of them, too.
+    Surveys that scatter beyond U do so in all quantities: the median of their differences widens
+    each. Loading changes all of them, too.
     """
     asked = list(_changes(before, after))
     steps, u, whole = (np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole"))
@@ -184,7 +192,9 @@ def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> 
 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
-    """Return the standard uncertainty of a difference of which each side's share ``alike`` is one cause for both."""
+    """Return the standard uncertainty of a difference whose sides have a common cause for the
+    shares ``alike``.
+    """
     own = [u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))]
     found: Vector = np.sqrt(own[0] ** 2 + own[1] ** 2 + (alike[1] * after - alike[0] * before) ** 2)
     return found
@@ -201,7 +211,9 @@ def _number_change(name: str, unit: str, before: Known, after: Known, alike: Sha
 
 
 def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
-    """Return the change at the node where it stands out most; shapes where one of the two is a shape only."""
+    """Return the change at the node where it stands out most; of shapes if either is a shape
+    only.
+    """
     if before.value is None or after.value is None:
         return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
     nodes = _common_nodes(before, after)
@@ -230,7 +242,9 @@ def _other_line(name: str, before: Function, after: Function) -> bool:
 
 
 def _common_nodes(before: Function, after: Function) -> Vector:
-    """Return the nodes of the coarser function that the other covers too: what lies between its nodes it does not know."""
+    """Return the nodes of the coarser function that the other covers too: the coarser has no values
+    between its nodes.
+    """
     coarse, fine = (before, after) if len(before.position_mm) <= len(after.position_mm) else (after, before)
     low, high = fine.position_mm[0] - 1e-6, fine.position_mm[-1] + 1e-6
     nodes: Vector = coarse.position_mm[(coarse.position_mm >= low) & (coarse.position_mm <= high)]
@@ -246,9 +260,10 @@ def _at(function: Function, values: Vector, nodes: Vector) -> Vector:
 
 
 def _common_volume(results: Sequence[Result]) -> Volume:
-    """Return the box that all results cover, without length in an axis that did not travel in one of them.
+    """Return the common box of all results, without length in an axis that did not travel in one of
+    them.
 
-    Raises ``DataError`` where there is none.
+    Raises ``DataError`` without a common box.
     """
     low = np.max([result.volume.origin_mm for result in results], axis=0)
     high = np.min([np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0)

@@ -1,29 +1,34 @@
-"""Theory of operation: what one machine did between its surveys.
+"""Theory of operation: changes of a machine between its surveys.
 
-The figures of one quantity at N nodes in T surveys are
+The figures of a quantity at N nodes in T surveys are
 
     y[t, n] = level[n] + sum_j a_j[n] g_j(t) + common[n] + e[t, n],      e ~ normal(0, u_own[t, n])
 
-- ``u_own`` is what each survey has for itself: its combined uncertainty less the part that all surveys of the same instruments share
-  (angles that nobody measured, wavelength, sensors). The shared part moves no figure against another; it returns where a figure is held
-  against a tolerance. A survey by other instruments has a shared part of its own, which is added to its ``u_own``.
-- ``u_own`` is widened by the scatter beyond U of the whole machine, up to `LARGEST_SCATTER` times u: the median of all differences
-  between neighbouring surveys, less what ``u_own`` explains. A change moves one difference of a quantity, not their median.
+- ``u_own`` is the own uncertainty of each survey: its combined uncertainty less the part common to
+  all surveys of the same instruments (unmeasured angles, wavelength, sensors). The common part
+  moves no figure against another; it returns when a figure is compared with a tolerance. A survey
+  by other instruments has a shared part of its own, which is added to its ``u_own``.
+- ``u_own`` is widened by the scatter beyond U of the whole machine, up to `LARGEST_SCATTER` times
+  u: the median of all differences between neighbouring surveys, less what ``u_own`` explains. A
+  change moves a single difference of a quantity, not their median.
 - ``g_j`` are courses: known breaks (loaded tables) stand in every model; a step between two surveys, a line, a run-in
   1 - exp(-t / tau), a season (sine and cosine of a year) are looked for. A slope goes on through breaks and steps.
 
-A course is accepted where its likelihood gain (twice its logarithm, chi-squared) at its best node is beyond what one of all questions put
-to the machine shows by chance (`stepdiag.comparing.chance`): nodes of all quantities times courses; steps at surveys that name an event
-are asked first and count as few. Courses compete by
+A course is accepted if its likelihood gain (twice its logarithm, chi-squared) at its best node is
+beyond the largest chance gain of all questions put to the machine (`stepdiag.comparing.chance`):
+nodes of all quantities times courses; steps at surveys that name an event are asked first and count
+as few. Courses compete by
 
     log evidence = gain / 2 - log(number of courses of their kind)
 
-so the largest is taken first, and the search goes on behind it. Its share of the evidence of all courses is its probability: the
-interval of "since when" holds `HELD` of the steps', and a line has a day of leaving only where steps and run-ins have less than the rest.
-A season, which runs through any levels of two or three visits, is taken only where a step, or a line, has less than 1 - `HELD` beside it.
+so the largest is taken first, and the search goes on behind it. Its share of the evidence of all
+courses is its probability: the interval of "since when" holds `HELD` of the steps', and a line has
+a day of leaving only where steps and run-ins have less than the rest. A season, which runs through
+any levels of two or three visits, is taken only if a step, or a line, has less than 1 - `HELD`
+beside it.
 
-Verdicts: "changed" where a course is accepted; "unchanged" where none is and a change of three U at any survey is excluded, also one that
-was taken back before the next survey, which no step shows;
+Verdicts: "changed" for an accepted course; "unchanged" if none is accepted and a change of three U
+at any survey is excluded, also a change taken back before the next survey, which no step shows;
 else "undecided", with the number of further surveys that would decide.
 """
 
@@ -55,20 +60,21 @@ RUN_INS = (0.1, 0.25, 0.5)
 TOO_ALIKE = 1e-9
 """A course whose square beside the others is less than this share of the weights is one of them."""
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
-"""A season is looked for where the surveys cover it with more figures than it has unknowns."""
+"""A season is looked for if the surveys cover it with more figures than it has unknowns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One quantity in its surveys, NaN where a survey does not have it: ``values``, ``u`` and the part of u that a survey has for itself,
-    shapes (surveys, nodes)."""
+    """A quantity in its surveys, NaN for a survey without it: ``values``, ``u`` and a survey's own
+    part of u, shapes (surveys, nodes).
+    """
 
     values: Array
     u_own: Array
     u: Array
 
     def widened(self, scatter: float) -> "Figures":
-        """Return it with ``scatter`` times u in what each survey has for itself."""
+        """Return the figures with ``scatter`` times u in each survey's own part."""
         return self if not scatter else replace(self, u_own=np.hypot(self.u_own, scatter * self.u))
 
 
@@ -81,7 +87,9 @@ class Calendar:
     named: Mask
 
     def of(self, kept: Mask) -> "Calendar":
-        """Return the calendar of some of the surveys: what happened before a survey that is left out happened before the next one."""
+        """Return the calendar of some of the surveys: an event before a survey left out counts
+        before the next.
+        """
         if kept.all():
             return self
         places = np.flatnonzero(kept)
@@ -110,7 +118,9 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explained:
-    """What became of one quantity; ``further`` surveys would decide where nothing is decided, None where no number of them does."""
+    """The evolution of a quantity; ``further`` surveys would decide an undecided quantity, None if
+    no number of them does.
+    """
 
     verdict: Verdict
     courses: tuple[Course, ...]
@@ -125,7 +135,9 @@ class Explained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidates:
-    """Courses that are looked for: columns, shape (surveys, courses), with kind, place and log prior of each."""
+    """Possible courses: columns, shape (surveys, courses), with kind, place and log prior of
+    each.
+    """
 
     columns: Array
     kinds: tuple[Kind, ...]
@@ -179,7 +191,9 @@ def _kept(figures: Figures) -> Mask:
 
 
 def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -> Iterator[Explained]:
-    """Yield what became of quantities that the same surveys have: all are asked at once, those with an answer each by itself then."""
+    """Yield the evolution of quantities of the same surveys: all are asked at once, then each with
+    an answer by itself.
+    """
     kept = _kept(figures[0])
     if np.count_nonzero(kept) < 2:
         yield from (Explained(verdict="undecided", courses=()) for _ in figures)
@@ -216,7 +230,9 @@ def _base(days: Calendar) -> Array:
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
-    """Return the gain that each course has by chance as seldom as `ERRS` over all questions of both rounds together."""
+    """Return the gain that each course has by chance as seldom as `ERRS` over all questions of both
+    rounds together.
+    """
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
         [kind == "line" or (kind == "step" and days.named[at]) for kind, at in zip(candidates.kinds, candidates.places, strict=True)]
@@ -232,7 +248,9 @@ def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Ar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Gains:
-    """What each course comes to, shapes (courses, nodes): how much it lowers chi-squared, its size and standard uncertainty."""
+    """The gains of each course, shapes (courses, nodes): the decrease of chi-squared, its size and
+    standard uncertainty.
+    """
 
     gain: Array
     size: Array
@@ -244,7 +262,9 @@ class _Gains:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Taken:
-    """A course that was taken: its number among the candidates, its probability, and the surveys between which it began."""
+    """An accepted course: its number among the candidates, its probability, and the surveys between
+    which it began.
+    """
 
     number: int
     probability: float
@@ -301,7 +321,9 @@ class _Search:
         return _Taken(number=number, probability=float(alike.sum()), first=first, last=last)
 
     def _since(self, number: int, alike: Array) -> tuple[int, int]:
-        """Return the surveys between which the course began: those of the steps that together have `HELD` of the evidence."""
+        """Return the surveys between which the course began: the steps that together have `HELD` of
+        the evidence.
+        """
         if self.candidates.kinds[number] != "step":
             return 0, len(self.values) - 1
         order = np.argsort(-alike)
@@ -310,7 +332,9 @@ class _Search:
         return int(places.min()) - 1, int(places.max())
 
     def _sized(self, taken: Sequence[_Taken]) -> Iterator[Course]:
-        """Yield the courses with their sizes beside one another; what loading did, where it is more than chance."""
+        """Yield the courses with their sizes beside one another; and the effect of loading, if more
+        than chance.
+        """
         breaks = np.flatnonzero(self.days.broken).tolist()
         sizes, u = _sized(self.values, self.weights, self._design(taken))
         limit = NormalDist().inv_cdf(1 - ERRS / 2 / max(len(breaks), 1) / self.questions)
@@ -341,7 +365,8 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
 
 
 def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
-    """Return at which nodes one survey alone may be off by `DENIABLE` U, shape (nodes,): a change that was taken back, which no step shows.
+    """Return the nodes at which a single survey may be off by `DENIABLE` U, shape (nodes,): a
+    change that was taken back, which no step shows.
 
     The first and the last survey behind a known break are off by a step.
     """
@@ -384,7 +409,9 @@ def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> C
 
 
 def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int | None:
-    """Return how many further surveys find a step of this size if it is one, None for more than ten."""
+    """Return the number of further surveys that find a step of this size, None for more than
+    ten.
+    """
     limit = NormalDist().inv_cdf(1 - ERRS / 2 / (questions * len(own)))
     before = np.sum(own[:at] ** -2.0)
     for more in range(1, 11):

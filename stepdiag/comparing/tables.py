@@ -13,22 +13,28 @@ from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
-"""What tells one result from another, by its names in the result's ``survey``; a result whose readings came from elsewhere may say less."""
+"""The names in the result's ``survey`` that distinguish results; a result whose readings came from
+elsewhere may state less.
+"""
 
 
 def which(result: Result) -> dict[str, str]:
-    """Return of what survey a result is, as far as it says: machine, serial number, survey and when it was begun."""
+    """Return the survey of a result, as far as stated: machine, serial number, survey and its
+    beginning.
+    """
     return {name: value for name in WHICH if (value := getattr(result.survey, name, ""))}
 
 
 def sources(results: Sequence[Result]) -> Text:
-    """Return one line a result: its file, and of what survey it is."""
+    """Return a line per result: its file, and its survey."""
     of = [", ".join(which(one).values()) or shown(message("neither-machine-nor-time")) for one in results]
     return Text("\n".join(printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)))
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
-    """Return one row a quantity: both values, difference, its expanded uncertainty, and whether it is more than that."""
+    """Return a row per quantity: both values, difference, its expanded uncertainty, and whether the
+    difference is larger.
+    """
     table = empty_table(message("table-changes"))
     table.title = Text(f"{before} -> {after}")
     for change in comparison.changes:
@@ -47,7 +53,7 @@ def _shown(value: float | None, decimals: int = 2) -> str:
 
 
 def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
-    """Return one row a quantity and one column a result, values with their expanded uncertainty."""
+    """Return a row per quantity and a column per result, values with their expanded uncertainty."""
     table = empty_table(message("table-trends"))
     for name in names:
         table.add_column(Text(name), justify="right")

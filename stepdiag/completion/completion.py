@@ -1,7 +1,7 @@
-"""What happens when a survey is complete, live or replayed: readings, result, controller files.
+"""The completion of a survey, live or replayed: readings, result, controller files.
 
-Runs in a process of its own. Everything it uses stands in the logs, the date of the export
-included, so that a replay writes the same bytes.
+Runs in a process of its own. All its input stands in the logs, the date of the export included, so
+that a replay writes the same bytes.
 """
 
 import shlex
@@ -49,7 +49,8 @@ from stepdiag.solver.model.angles import Angles, parse_angles
 
 @dataclass(frozen=True, slots=True)
 class Completed:
-    """What came of a survey: where it was written, the result, what was exported, and why an export was refused, by controller.
+    """The outcome of a survey: its folder, the result, the exports, and the reasons of refused
+    exports, by controller.
 
     ``recorded`` is the folder of its logs: a replay writes elsewhere and rests on the same logs.
     """
@@ -64,14 +65,15 @@ class Completed:
 
 
 def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
-    """Solve a survey from its logs and write readings, result and exports into ``out``, each file at once or not at all.
+    """Solve a survey from its logs and write readings, result and exports into ``out``, each file
+    whole or not at all.
 
-    ``survey_file`` stands for the one in the logs where that cannot be used.
+    ``survey_file`` replaces an unusable survey file in the logs.
 
-    Raises DataError where passes are missing, where the survey cannot be solved, and where something in it is doubted that nobody has
-    accepted; why stands in ``judged.jsonl`` then, and beside it only the readings, which later ones may replace. A file of a complete
-    survey is never replaced. A refused export does not cost the others nor the result: it leaves its reason in
-    ``exports/<controller>/REFUSED.txt``.
+    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt; the reason
+    then stands in ``judged.jsonl``, and beside it only the readings, which later readings may
+    replace. A file of a complete survey is never replaced. A refused export costs neither the
+    others nor the result: it leaves its reason in ``exports/<controller>/REFUSED.txt``.
     """
     replayed = leave_readings(paths, out, survey_file)
     try:
@@ -166,7 +168,7 @@ def _folder(replayed: Replayed) -> Path:
 
 
 def _write_readings(out: Path, text: str) -> None:
-    """Write the readings; those of a survey that is still open may be replaced by later ones."""
+    """Write the readings; the readings of an open survey may be replaced by later readings."""
     if (out / RESULT).exists():
         write_once(out / READINGS, text)
     elif not holds(out / READINGS, text.encode("utf-8")):
@@ -174,7 +176,7 @@ def _write_readings(out: Path, text: str) -> None:
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:
-    """Raise DataError where something is doubted that nobody has accepted; what it is stands in ``judged.jsonl`` then."""
+    """Raise DataError for an open doubt; the doubt then stands in ``judged.jsonl``."""
     still = replayed.book.doubts()
     if not still:
         return
@@ -214,9 +216,11 @@ def _facts(replayed: Replayed) -> Facts:
 
 
 def _conditions(replayed: Replayed, environment: Mapping[str, float], unmeasured: Sequence[Held]) -> Conditions:
-    """Return the least and the largest value of each sensor over the stops used, and the conditions that no sensor measured.
+    """Return the least and the largest value of each sensor over the stops used, and the conditions
+    without a sensor.
 
-    A value of ``environment`` stands for a sensor's; a condition ``unmeasured`` is as the survey file has it.
+    A value of ``environment`` replaces a sensor's; an ``unmeasured`` condition has the value of the
+    survey file.
     """
     stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
     seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}

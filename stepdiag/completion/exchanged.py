@@ -1,8 +1,9 @@
-"""Two diagonals whose programs were driven in each other's place, on a machine that does not show where it stands.
+"""Two diagonals whose programs were exchanged, on a machine that does not show its position.
 
-The laser's steps are those of either diagonal. The whole survey tells them apart: only with the right names do the readings of all setups
-agree on one machine. Compared are the likelihoods of the readings as named and with each two diagonals exchanged; the priors of the
-machine are the same, so is the number of unknowns.
+The laser's steps fit either diagonal. The whole survey separates them: only with the right names do
+the readings of all setups agree on one machine. Compared are the likelihoods of the readings as
+named and with each two diagonals exchanged; the priors of the machine are the same, so is the
+number of unknowns.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.readings.readings import Readings
-from stepdiag.daq.capture.cause import CAUSE, SURE
+from stepdiag.daq.capture.cause.likelihood import CAUSE, SURE
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.methods.lengths import at_their_temperature
@@ -24,8 +25,9 @@ from stepdiag.solver.model.layout import lay_out
 
 
 def exchanged(survey: Survey, readings: Readings, assumed: Assumptions) -> list[Finding]:
-    """Return the error that names two diagonals which were driven in each other's place; nothing where the machine shows its position, or
-    the readings agree as they are named. It stands at the first pass of the first of them: a person accepts it there.
+    """Return the error that names two diagonals with exchanged programs; nothing if the machine
+    shows its position, or the readings agree as named. The error stands at the first pass of the
+    first of them, the place for its acceptance.
     """
     driven = [name for name in survey.plan.all_setups if name in BODY_DIAGONALS]
     placed = not survey.plc.silent and all(f"{axis}_mm" in survey.plc.signals for axis in AXES)
@@ -34,12 +36,11 @@ def exchanged(survey: Survey, readings: Readings, assumed: Assumptions) -> list[
     pairs = list(combinations(driven, 2))
     named = [readings, *(_renamed(readings, *pair) for pair in pairs)]
     weights, squares = np.array([_fitted(survey, each, assumed) for each in named]).T
-    likelihood = 0.5 * weights - 0.5 * squares
+    # few readings agree by chance with less noise than any machine has: no name counts more than the noise of most names allows
+    likelihood = 0.5 * np.minimum(weights, np.median(weights)) - 0.5 * squares
     best = 1 + int(np.argmax(likelihood[1:]))
     gain = float(likelihood[best] - likelihood[0])
-    # few readings agree by chance with less noise than any machine has: the names must fit better at the noise of most names, too
-    alike = 0.5 * np.minimum(weights, np.median(weights)) - 0.5 * squares
-    if gain < CAUSE + SURE or alike[best] <= alike[0]:
+    if gain < CAUSE + SURE:
         return []
     first, second = pairs[best - 1]
     order = _order(survey.plan.setups, first, second)
@@ -56,7 +57,7 @@ def _fitted(survey: Survey, readings: Readings, assumed: Assumptions) -> tuple[f
 
 
 def _renamed(readings: Readings, first: str, second: str) -> Readings:
-    """Return readings in which two setups have each other's name, and the positions of that."""
+    """Return readings in which two setups have exchanged names and positions."""
     names = {first: second, second: first}
     setup = tuple(names.get(name, name) for name in readings.setup)
     places = [list(zip(column, readings.pass_number.tolist(), readings.stop.tolist(), strict=True)) for column in (readings.setup, setup)]

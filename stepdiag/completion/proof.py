@@ -87,7 +87,9 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """What a proof run is held against, as its survey file names it: the survey's result and readings, and what was loaded."""
+    """The basis of a proof run, named in its survey file: the survey's result and readings, and the
+    loaded files.
+    """
 
     result: Result
     readings: Readings
@@ -96,7 +98,9 @@ class Loaded:
     files: tuple[ControlFile, ...]
 
     def tables(self) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables that act now, and those that acted during the survey; of a lattice its curves and products."""
+        """Return the tables that act now, and the tables active during the survey; of a lattice its
+        curves and products.
+        """
         if len(self.files) == 1 and lattice.recognises(self.files[0]):
             on = self.profile.machine.measured_with == "on"
             return self._parts(self.files), self._parts(self.profile.existing if on else ())
@@ -108,9 +112,10 @@ class Loaded:
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
-    """Return what the proof run of a survey file is held against, from the ``files`` that it names; None for any other survey.
+    """Return the basis of the proof run of a survey file, from the ``files`` it names; None for any
+    other survey.
 
-    Raises DataError or UsageError for a file that is damaged.
+    Raises DataError or UsageError for a damaged file.
     """
     if survey.proof is None:
         return None
@@ -160,7 +165,9 @@ def words_of(each: Proved) -> Message:
 
 
 def sign_records(held: Loaded, proof: Proof, runs: bytes, day: date) -> Iterator[SignTestRecord]:
-    """Yield what a proof run shows of the sense of each kind of table, as a profile holds it; nothing where the tables do not stay."""
+    """Yield the sense of each kind of table by a proof run, in the form of a profile; nothing if
+    the tables do not stay.
+    """
     if proof.action != "keep":
         return
     about, senses = subject(held.controller.name, held.profile), {table.kind: table.law.sense for table in held.tables()[0]}

@@ -1,4 +1,4 @@
-"""A readings file solved with the files beside it: the result names every one of them by its SHA-256."""
+"""A readings file solved with the files beside it: the result names every file by its SHA-256."""
 
 import hashlib
 from collections.abc import Callable

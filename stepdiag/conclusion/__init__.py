@@ -1,8 +1,9 @@
-"""What a survey says, in a handful of sentences: what is wrong, what is not known, what compensation reaches, what to load, what next.
+"""The result of a survey in a few sentences: errors, unknowns, effect of compensation, files to
+load, next step.
 
-In: a result, and what was exported of it. Out: a `Conclusion`, which page, report, `status` and terminal show and
-which stands beside the result as ``conclusion.json``. Nothing here computes an uncertainty: figures are those of result and prediction.
-Imported by `report`, `page`, `daemon` and `cli`.
+In: a result, and its exports. Out: a `Conclusion`, which page, report, `status` and terminal show
+and which stands beside the result as ``conclusion.json``. Nothing here computes an uncertainty:
+figures come from result and prediction. Imported by `report`, `page`, `daemon` and `cli`.
 """
 
 from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, harmed_in, loadable, taken_for_granted

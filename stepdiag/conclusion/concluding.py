@@ -9,7 +9,7 @@ from stepdiag.base.messages import Words
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
-from stepdiag.base.result.members import UnseenSlip
+from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
@@ -24,14 +24,26 @@ from stepdiag.exporters.safety.verify import STRETCH
 MOST_WRONG = 5
 AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}
 """Conditions of the air in letters and units that every language writes alike."""
+KNOBS = {
+    BETWEEN_TARGETS: "between",
+    READINGS: "readings",
+    NOT_MEASURED: "unmeasured",
+    **dict.fromkeys(("angles", "short waves of angles"), "angles"),
+    **dict.fromkeys(("drift", "wander", "wandering pass", "walk of one pass", "found step"), "passes"),
+    **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
+    **dict.fromkeys(("material temperature", "air"), "lengths"),
+}
+"""Sources of the budget by what makes them smaller; the sizes of sources are part of each."""
 LEAST_SHARE = 0.1
 """An error below a tenth of the largest one is not what is wrong with the machine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """What became of an export: ``refused`` says why there are no files, ``untested`` names the tables whose sign nobody tried, ``harmed``
-    the stretches in which the machine would err more with its files than without."""
+    """The outcome of an export: ``refused`` gives the reason for missing files, ``untested`` names
+    the tables with an untested sign, ``harmed`` the stretches in which the machine would err more
+    with its files than without.
+    """
 
     controller: str
     refused: Words = ""
@@ -42,7 +54,9 @@ class Export:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """``wrong`` stands beside the contribution that it tells of, the largest first; the rest are sentences in the order to be read."""
+    """``wrong`` stands beside its contribution, the largest first; the rest are sentences in the
+    order of reading.
+    """
 
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
@@ -55,7 +69,7 @@ class Conclusion:
     load: tuple[Sentence, ...]
     next_step: Sentence
     findings: dict[str, int]
-    """How many findings of each severity the result carries."""
+    """Number of findings of each severity in the result."""
 
 
 def export_of(written: ExportReport) -> Export:
@@ -72,7 +86,9 @@ def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
-    """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
+    """Return the conclusion. The effect of compensation is the first export's prediction, else the
+    result's own.
+    """
     wrong = _wrong(contributions_of(result))
     proof = next((one for one in result.findings if one.code == PROOF), None)
     exported = next((each.reach for each in exports if each.reach is not None), None)
@@ -82,7 +98,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
         unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])) if proof is None else (),
         reach=reach,
-        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
+        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_largest_share(result), *_harmed(exports)),
         verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)) if proof is None else (),
@@ -148,10 +164,11 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
-    """Yield how large a slip of the count may have gone unnoticed: the worst one, and the passes where it matters beside the noise.
+    """Yield the size of a possibly unseen slip of the count: the worst, and the passes where it
+    matters beside the noise.
 
-    The stated uncertainty has the noise of the readings and not the slip. The worst one is always reported: the noisier the readings, the
-    larger it is.
+    The stated uncertainty has the noise of the readings and not the slip. The worst is always
+    reported: the noisier the readings, the larger it is.
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
@@ -171,7 +188,9 @@ def _standing(result: Result) -> list[str]:
 
 
 def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
-    """Yield the volumetric error as it is and, as an interval, as compensation will leave it, or would where every export was refused."""
+    """Yield the volumetric error as found and, as an interval, after compensation, or its forecast
+    if every export was refused.
+    """
     if reach is None:
         yield Sentence(key="reach_axes_alone", arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))})
         return
@@ -179,6 +198,17 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
     if reach.rms_after is not None and reach.largest_after is not None:
         after = _figure("after", reach.rms_after, reach.largest_after)
         yield replace(after, key="reach_after_refused") if refused and after.key == "reach_after" else after
+
+
+def _largest_share(result: Result) -> Iterator[Sentence]:
+    """Yield the largest share of the volume's U (of its square), and what makes it smaller."""
+    shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
+    square = {knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob) for knob in KNOBS.values()}
+    knob = max(square, key=lambda one: square[one])
+    if square[knob] > 0.0:
+        percent = f"{100.0 * square[knob] / sum(share**2 for share in shares.values()):.0f}"
+        more = Sentence(key=f"largest_{knob}", arguments={"increments": f"{2 * result.volume.increments}"})
+        yield Sentence(key="reach_largest", arguments={"percent": percent, "what": more})
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
@@ -260,10 +290,11 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the runs without which no table can be made; none of them where driving again is all that helps; None where nothing lacks.
+    """Return the runs without which no table can be made; none of them if only repeated runs help;
+    None if nothing lacks.
 
-    Scales alone refuse no export, so that one which was ``refused`` has another reason. The diagonals tell the sum of the scales:
-    runs along all axes but the longest of those unknown tell the rest.
+    Scales alone refuse no export, so a ``refused`` export has another reason. The diagonals give
+    the sum of the scales: runs along all axes but the longest unknown axis give the rest.
     """
     if not result.volume.solid:
         return None

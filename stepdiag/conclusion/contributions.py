@@ -1,4 +1,4 @@
-"""What each error of the machine makes over the volume, in um, the largest first."""
+"""Contribution of each error of the machine over the volume, in um, the largest first."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,15 +12,17 @@ from stepdiag.base.volume import Vector, Volume
 
 Kind = Literal["squareness", "scale", "positioning", "straightness", "angle", "reversal"]
 LEANS = {"C0Y": ("Y", "X"), "B0Z": ("Z", "X"), "A0Z": ("Z", "Y")}
-"""Which axis leans to which (ISO 230-1)."""
+"""The axis that leans and the axis towards which it leans (ISO 230-1)."""
 AXES = "XYZ"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contribution:
-    """One error: ``effect_um`` is what it moves the tool by from one end of the volume to the other, ``u_um`` its standard uncertainty.
+    """An error: ``effect_um`` is its movement of the tool from one end of the volume to the other,
+    ``u_um`` the standard uncertainty of this.
 
-    ``value`` is the quantity itself in ``unit`` (signed; the range of a function), ``length_mm`` the travel over which it acts.
+    ``value`` is the quantity itself in ``unit`` (signed; the range of a function), ``length_mm``
+    the travel of its effect.
     """
 
     name: str

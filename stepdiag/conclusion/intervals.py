@@ -1,4 +1,4 @@
-"""What a prediction says of the volume before and after compensation."""
+"""Prediction of the volume before and after compensation."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,9 @@ def reach_of(predicted: Predicted) -> Reach:
 
 
 def reach_in(result: Result) -> Reach:
-    """Return what the result itself predicts; one of version 1 says only how the machine was found, and not how sure that is."""
+    """Return the prediction of the result itself; a result of version 1 states only the machine as
+    found, without its uncertainty.
+    """
     return _as_found(result) if result.predicted is None else reach_of(result.predicted)
 
 

@@ -1,4 +1,6 @@
-"""A sentence as its key in the catalogue and what is filled in, so that one conclusion reads in every language."""
+"""A sentence as its key in the catalogue and its values, so that a conclusion reads in every
+language.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

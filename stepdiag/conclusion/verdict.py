@@ -23,7 +23,8 @@ ROUNDING = 1e-4
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
     """Return the conformity of a result, None without a tolerance.
 
-    With the files of an export it is their volume that is predicted, and nothing of single functions: a file may leave one out.
+    With the files of an export the prediction covers their volume, and no single functions: a file
+    may leave a function out.
     """
     if result.conformity is None or exported is None or exported.rms_after is None or exported.largest_after is None:
         return result.conformity
@@ -60,7 +61,9 @@ def _sentence(one: Judged) -> Sentence:
 
 
 def even_of(one: Judged) -> str:
-    """Return a figure whose interval is even as value and U, as its table has it; empty for a skewed or unknown one."""
+    """Return a figure with an even interval as value and U, as in its table; empty for a skewed or
+    unknown interval.
+    """
     if one.value is None or one.low is None or one.high is None or abs(one.low + one.high - 2.0 * one.value) > ROUNDING:
         return ""
     return with_expanded(one.value, (one.high - one.low) / 2.0).replace("-", "−")

@@ -1,4 +1,4 @@
-"""What a survey drives, as the writers of NC programs know it, and its programs."""
+"""The passes of a survey for the writers of NC programs, and its programs."""
 
 from dataclasses import replace
 from pathlib import Path

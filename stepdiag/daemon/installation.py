@@ -1,6 +1,8 @@
-"""The service of one survey as files of systemd: unit, rules, token, and a drop-in that opens what this survey needs and no more.
+"""The service of a survey as files of systemd: unit, rules, token, and a drop-in with no more
+rights than this survey needs.
 
-Everything is made from the survey file, so installing again changes nothing that is right, and removing finds what was installed.
+Everything is made from the survey file, so a new installation changes no correct file, and the
+removal finds the installed files.
 """
 
 import ipaddress
@@ -32,17 +34,18 @@ SHARED = {
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
-"""What all surveys of a computer share, by its name in the package and its place."""
+"""The common files of all surveys of a computer, by their names in the package and their places."""
 DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
 """From where people look at a page that is bound beyond this computer."""
 TOKEN_BYTES = 18
+"""Random bytes of a token: 144 bits cannot be guessed."""
 WRITTEN = "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One file: what is, or would be, done with it. A secret's text is never shown."""
+    """A file and its real or possible change. A secret's text is never shown."""
 
     path: Path
     does: Literal["write", "keep", "remove", "make secret"]
@@ -135,9 +138,10 @@ def _of(unit: str, name: str) -> Path:
 
 
 def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
-    """Yield what is done with a file that all surveys share.
+    """Yield the changes of a file common to all surveys.
 
-    A package brings its own and renews it with each upgrade: a copy in /etc, which an older version wrote, would hide that for ever.
+    A package brings its own file and renews it with each upgrade: a copy in /etc by an older
+    version would hide this file for ever.
     """
     packaged = root / "usr/lib" / place.relative_to("etc")
     if packaged.is_file() and sys.prefix == PACKAGED:
@@ -196,7 +200,7 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
 
 
 def address_of(host: str) -> list[str]:
-    """Return the address that a host is, without the name of an interface; nothing where it is a name."""
+    """Return the address of a host, without the name of an interface; empty for a host name."""
     try:
         return [str(ipaddress.ip_address(host.partition("%")[0]))]
     except ValueError:

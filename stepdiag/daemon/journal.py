@@ -1,4 +1,6 @@
-"""The program's own log: one line per change of state, on standard error; JSON where nobody sits before it."""
+"""The program's own log: one line per change of state, on standard error; JSON without a
+terminal.
+"""
 
 import logging
 import sys

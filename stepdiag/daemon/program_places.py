@@ -1,7 +1,8 @@
-"""Where this program stands on the disk, and the unit that sees these places and no other.
+"""Places of this program on the disk, and the unit that sees these places and no other.
 
-A Python that pyenv or uv fetched stands in somebody's home, which the unit otherwise does not see at all; a virtual environment reaches it
-through links, and each folder on the way must be there inside the unit too.
+A Python fetched by pyenv or uv stands in a user's home, which the unit otherwise does not see at
+all; a virtual environment reaches it through links, and each folder on the way must be there inside
+the unit too.
 """
 
 import os
@@ -15,25 +16,29 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 
 PACKAGED = "/opt/stepdiag"
-"""Where the program stands in the unit as it is packaged."""
+"""Place of the program in the packaged unit."""
 SYSTEM = Path("/usr")
-"""What the unit sees anyway."""
+"""Places that the unit always sees."""
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
-"""What ProtectHome=yes hides (systemd.exec(5)): even places that are bound there."""
+"""Places hidden by ProtectHome=yes (systemd.exec(5)), even if bound there."""
 OTHERS_READ = 0o005
 LINKS = 40
 """More in a row than a kernel follows."""
 
 
 def places_of_program() -> list[Path]:
-    """Return the folders that hold the environment, its Python and the package, outermost alone, those of the system left out."""
+    """Return the folders that hold the environment, its Python and the package, outermost alone,
+    the system's folders left out.
+    """
     found = [Path(sys.prefix), Path(sys.base_prefix), Path(str(files("stepdiag"))).parent, *_homes_of(Path(sys.executable))]
     every = sorted({place for each in found for place in (each, each.resolve()) if _is_own(place)})
     return [place for place in every if not set(place.parents) & set(every)]
 
 
 def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> str:
-    """Return the packaged unit for a program at these places. Raises UsageError for one that the service's account could not run."""
+    """Return the packaged unit for a program at these places. Raises UsageError for a program that
+    the service's account could not run.
+    """
     for place in places:
         _assert_plain(place)
         _assert_no_home(place)
@@ -53,9 +58,11 @@ def _is_own(place: Path) -> bool:
 
 
 def _homes_of(executable: Path) -> Iterator[Path]:
-    """Yield the folder of every link between an environment's Python and the one that runs, and the installation of that one.
+    """Yield the folder of every link between an environment's Python and the running Python, and
+    the installation of the latter.
 
-    Of the way only the link's own folder is needed: ~/.local/bin, where uv puts one, and not what programs keep in ~/.local/share.
+    Of the way only the link's own folder is needed: ~/.local/bin, the place of uv's links, and not
+    the data of programs in ~/.local/share.
     """
     for _ in range(LINKS):
         if not executable.is_symlink():
@@ -74,7 +81,7 @@ def _assert_plain(place: Path) -> None:
 
 
 def _assert_no_home(place: Path) -> None:
-    """A link to a Python that lies in a home itself would open all of that home to the service."""
+    """A link to a Python directly in a home would open this whole home to the service."""
     if place == Path("/root") or place.parent == Path("/home") or place.parent == Path("/run/user") or place in HOMES:
         raise UsageError(
             message("programs-place"), expected=message("folder-of-its-own"),

@@ -1,4 +1,6 @@
-"""What other programs hear of a survey as a service of systemd: its unit, and a drop-in that says to whom and lets through them alone."""
+"""The publication of a survey as a service of systemd: its unit, and a drop-in with its receivers,
+which alone are let through.
+"""
 
 import os
 import re
@@ -26,12 +28,14 @@ from stepdiag.page.settings import is_loopback
 
 UNIT = "stepdiag-publish@.service"
 _PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")
-"""What a word of a unit may be made of without being anything else."""
+"""Characters of a word of a unit that cannot mean anything else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """To a broker, or as a server of OPC UA; ``port`` stands for one that is not named. Files are absolute, below /etc."""
+    """To a broker, or as a server of OPC UA; ``port`` stands for an unnamed port. Files are
+    absolute, below /etc.
+    """
 
     broker: str = ""
     opcua: str = ""
@@ -42,7 +46,7 @@ class Publication:
 
     @property
     def secrets(self) -> tuple[str, ...]:
-        """Return the names of the credentials that it takes."""
+        """Return the names of its credentials."""
         return (*self.who, *(() if self.broker or self.plain else ("opcua-key",)))
 
     @property
@@ -111,7 +115,9 @@ def _address(publication: Publication) -> tuple[str, int]:
 
 
 def _reached(host: str, publication: Publication) -> Iterator[str]:
-    """Yield who is let through: the broker alone, or private networks where it has a name; of a server, those who may come."""
+    """Yield the hosts let through: the broker alone, or private networks for a broker with a name;
+    of a server, its permitted clients.
+    """
     if not is_loopback(host):
         yield from PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS
 

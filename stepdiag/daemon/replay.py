@@ -13,16 +13,17 @@ from stepdiag.daq.replay import find_logs
 from stepdiag.report.completed import write_completed_report
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
-"""Hashes of other files, and tables that a report carries in itself: they follow from numbers that stand elsewhere."""
+"""Hashes of other files, and tables inside a report: they follow from numbers in other places."""
 _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """What a replay wrote into ``out``, against the live run's folder.
+    """The files written by a replay into ``out``, against the live run's folder.
 
-    ``rounded`` are files that differ as another processor's products make it: the result by less than a tenth of a nanometre, what follows
-    from such a result in last digits and hashes. ``missing`` are files that the live run does not have.
+    ``rounded`` are files that differ like the products of another processor: the result by less
+    than a tenth of a nanometre, the files that follow from it in last digits and hashes.
+    ``missing`` are files that the live run lacks.
     """
 
     out: Path
@@ -55,9 +56,10 @@ class Compared:
 
 
 def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Path | None = None) -> Compared:
-    """Complete a survey from its logs into ``out`` and compare every file with the one beside the logs.
+    """Complete a survey from its logs into ``out`` and compare every file with the file beside the
+    logs.
 
-    ``survey_file`` stands for the one in the logs where that cannot be used.
+    ``survey_file`` replaces an unusable survey file in the logs.
     """
     logs = find_logs(paths)
     live = logs[0].parent

@@ -1,7 +1,9 @@
-"""The recording process: the daemon, the page in a process of its own beside it, and how Python is set up around them.
+"""The recording process: the daemon, the page in a process of its own beside it, and the settings
+of Python around them.
 
-What disturbs arrival stamps is another thread of this process that holds the interpreter. So threads give way ten times sooner than
-usual; and the collector of garbage, which holds everything up for 20 ms when it walks through all that was imported, never sees that.
+Arrival stamps are disturbed by another thread of this process that holds the interpreter. So
+threads give way ten times sooner than usual; and the collector of garbage, which holds everything
+up for 20 ms on a walk through all imported objects, never sees them.
 """
 
 import gc
@@ -28,11 +30,13 @@ SOCKET = "STEPDIAG_PAGE_SOCKET"
 PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
-"""How long a thread that computes may go on while another one waits."""
+"""Longest time in s for which a computing thread may go on while another thread waits."""
 
 
 def record(survey_file: Path, *, verbose: bool = False) -> None:
-    """Record surveys, solve and export each when its last pass is in, until it is stopped. Raises as `serve` does."""
+    """Record surveys, solve and export each when its last pass is in, until the end of the process.
+    Raises as `serve` does.
+    """
     gc.disable()  # a tenth of the start would be spent on looking for garbage in what is being imported
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio
@@ -46,9 +50,11 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
 
 async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = (), ahead: Sequence[str] = ()) -> None:
-    """Run the daemon of a survey file until it is stopped, with page and metrics in a process beside it, as that file says.
+    """Run the daemon of a survey file until its end, with page and metrics in a process beside it,
+    by the settings of the file.
 
-    Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
+    Raises the refusals of the survey file and the folder, and DeviceError if the page's address is
+    taken.
     """
     import asyncio
 
@@ -80,9 +86,10 @@ def _say_what_hides(survey: "Survey") -> None:
 
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
-    """Return what says in one line that something went wrong aside of all tasks: a PLC that answers nonsense causes as much as it likes.
+    """Return a handler that logs a failure outside all tasks in one line: a PLC that answers
+    nonsense can cause any number.
 
-    Each kind is logged for the first, the tenth, the hundredth time.
+    Each kind is logged the first, the tenth, the hundredth time.
     """
     import structlog
 
@@ -93,7 +100,7 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
         counts[what if len(counts) < MOST_KINDS else ""] += 1
         count = counts[what]
         if str(count).strip("0") == "1":
-            log.error("aside", said=what, count=count)
+            log.error("aside", words=what, count=count)
 
     return say
 
@@ -136,7 +143,9 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
 
 
 def _programs(survey: "Survey") -> dict[str, str]:
-    """Return the name of the NC program of each setup, for the first control of the survey that programs are written for."""
+    """Return the name of the NC program of each setup, for the survey's first control with
+    programs.
+    """
     named = [each.controller for each in survey.exports] + ([survey.proof.controller] if survey.proof is not None else [])
     if not named:
         return {}

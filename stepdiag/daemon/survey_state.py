@@ -1,4 +1,6 @@
-"""How a survey stands, from what is on disk alone: what is kept, what must be driven again, and why. Nothing is changed or mended."""
+"""The state of a survey, from the disk alone: kept passes, passes to drive again, and the reasons.
+Nothing is changed or mended.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +8,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import Words, joined, message
-from stepdiag.daq.capture.cause import line_named
+from stepdiag.daq.capture.cause.finder import line_to_correct
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -30,7 +32,9 @@ from stepdiag.terminal.progress import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogStanding:
-    """One log: how many stops it holds; ``trouble`` says why it cannot be read, or that it was cut off."""
+    """A log and its number of stops; ``trouble`` is the reason why it is unreadable, or that it was
+    cut off.
+    """
 
     name: str
     stops: int
@@ -39,7 +43,9 @@ class LogStanding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """How a survey stands. ``round`` is None before anything was recorded; ``changed``: the survey file is not the one of the logs."""
+    """The state of a survey. ``round`` is None before anything was recorded; ``changed``: the
+    survey file differs from that of the logs.
+    """
 
     survey: str
     machine: str
@@ -50,18 +56,18 @@ class Standing:
     result: Path | None
     next_setup: str
     doubts: tuple[Doubt, ...]
-    """What keeps passes open although they are in."""
+    """Doubts that keep driven passes open."""
     unsolved: Words
     """Why there is no result although every pass is in; empty where that is not so."""
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
     to_drive: tuple[DriveStatus, ...]
-    """What is still to be driven, in order."""
+    """The passes still to be driven, in order."""
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
-    """What the daemon that records here hears and waits for; None where none runs."""
+    """The daemon that records here, with its links; None without a daemon."""
     ahead: AheadStatus
-    """What to drive next, by what is solved so far."""
+    """The next pass, by the newest solution."""
     wrong_line: str
     """The line of the survey file that a finding names as wrong; empty where none is."""
     corrections: tuple[str, ...]
@@ -94,7 +100,7 @@ def standing_of(path: Path) -> Standing:
 
 
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
-    """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
+    """Return the standing of a round. Without a survey file the survey comes from its logs."""
     paths = logs_in(last) if last is not None else []
     recorded, readable, logs = _read(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
@@ -111,7 +117,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book.foretell(verdicts.suspicions)
     noted = noted_round(readable[0].parent, readable, recorded) if readable else Noted((), ())
     book.add_all(noted.stops)
-    book.wrong_line = next(map(line_named, filter(line_named, noted.findings)), "")
+    book.wrong_line = next(filter(None, map(line_to_correct, noted.findings)), "")
     unsolved = verdicts.tell(book)
     recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
@@ -139,7 +145,9 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 
 
 def _read(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
-    """Return the survey file of the first readable log, the logs that can be read in order, and how each log stands."""
+    """Return the survey file of the first readable log, the readable logs in order, and the state
+    of each log.
+    """
     text, readable, logs = "", list[Path](), list[LogStanding]()
     for path in counted(paths, message("reading-logs"), len(paths)):
         try:

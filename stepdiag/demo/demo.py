@@ -10,7 +10,7 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_hashed
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.interval import Interval
 from stepdiag.base.result.result import Result, parse_result
@@ -27,7 +27,7 @@ from stepdiag.virtual.control.compensation import Control
 
 LINE_POINTS = 21
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[Message, int, int], None]
 """Takes what is going on, how many stops are in, and how many there will be."""
 
 
@@ -45,9 +45,9 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """An interval (k = 2) of the volume's rms error that the result states, and the true one."""
+    """An interval (k = 2) of the volume's rms error by the result, and the true error."""
 
-    of: str
+    of: Message
     stated: Interval
     true_um: float
 
@@ -60,10 +60,12 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
-    """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure.
+    """Results of the demo: the machine as found, and with the files of each control loaded;
+    ``seconds`` is the time of the survey.
 
-    ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey,
-    ``promises`` the statement of the result about the volume before anybody looked at the truth.
+    ``after`` are the files that the daemon exported by itself, ``reach`` the effect of other forms
+    of compensation on the same survey, ``promises`` the statement of the result about the volume
+    before any comparison with the truth.
     """
 
     folder: Path
@@ -80,9 +82,9 @@ class Demonstrated:
 
 
 def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
-    """Run the demo in an empty folder and return what it found; everything it wrote stays there.
+    """Run the demo in an empty folder and return its results; all its files stay there.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     began = time.monotonic()
@@ -94,24 +96,26 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
         with daemon(survey) as recording:
             round_folder = _survey(hall, survey, recording, progress)
     seconds = time.monotonic() - began
-    progress("verifying where nobody measured", 1, 1)
+    progress(message("demo-verifying"), 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
     result = parse_result(read_hashed(round_folder / "result.json"), "result.json")
-    reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
-    promises = promises_of(result, before.rms_um, reach[WHOLE_FIELD].rms_um)
+    reach = {str(form.name): verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
+    promises = promises_of(result, before.rms_um, reach[str(WHOLE_FIELD)].rms_um)
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
-    """Return what a result promises of the machine as it is and with all that it knows corrected, beside the true rms errors in um."""
+    """Return the promises of a result for the machine as found and with all known errors corrected,
+    beside the true rms errors in um.
+    """
     reach = reach_in(result)
-    found = (("as it is", reach.rms_before, before_um), (WHOLE_FIELD, reach.rms_after, whole_um))
+    found = ((message("as-it-is"), reach.rms_before, before_um), (WHOLE_FIELD, reach.rms_after, whole_um))
     return tuple(Promise(of=of, stated=stated, true_um=true_um) for of, stated, true_um in found if stated is not None)
 
 
 def empty_folder(folder: Path) -> None:
-    """Make a folder. Raises UsageError where there is one with files in it."""
+    """Make a folder. Raises UsageError for a folder with files."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         remedy = message("name-with-out")
@@ -166,11 +170,11 @@ def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -
     for event in words(Operator(hall, survey), recording):
         if event["event"] == "stop":
             seen.add((event["setup"], event["outward"], event["stop"]))
-            progress(f"{event['setup']} {'out' if event['outward'] else 'back'}", len(seen), total)
+            progress(message("demo-out" if event["outward"] else "demo-back", setup=event["setup"]), len(seen), total)
         elif event["event"] == "survey-open" and "exit_code" in event:
             raise DataError(event["folder"], expected=message("solvable-survey"), found=event["reason"])
         elif event["event"] == "survey-complete":
             return Path(event["folder"])
         elif event["event"] == "pass-ended" and len(seen) >= total:
-            progress("solving", len(seen), total)
+            progress(message("demo-solving"), len(seen), total)
     raise AssertionError("the daemon's words have no end")

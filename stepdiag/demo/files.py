@@ -14,7 +14,7 @@ INCREMENTS = 8
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 PASSES = 2
 U_ANGLE_URAD = 1.0
-"""What the autocollimator of the demo is good to."""
+"""Standard uncertainty of the demo's autocollimator in urad."""
 
 _BENCH = """\
 # The virtual machine of the demo: what is true, and what the survey does not know.
@@ -37,7 +37,8 @@ pause_s = 1.0
 patient = true
 decimals = 3
 
-# an ordinary machine of stepdiag/virtual/physics/ordinary.py, with scales: each axis comes back to 0.5 um (standard deviation), and the
+# an ordinary machine of stepdiag/virtual/physics/ordinary.py, with scales: each axis comes back
+# to 0.5 um (standard deviation), and the
 # control shows the actual positions of its encoders
 [machine]
 positioning_um = 6.0
@@ -168,7 +169,9 @@ _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast the virtual machine lives, and what the survey asks of a stop: ``machine_s`` in one second, the rest wall seconds."""
+    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` in a second,
+    the rest wall seconds.
+    """
 
     machine_s: float = 10.0
     dwell_s: float = 0.26

@@ -1,4 +1,4 @@
-"""The keyboard, one key at a time and without waiting; where standard input is no terminal, what comes through it."""
+"""The keyboard, key by key and without waiting; without a terminal, the bytes of standard input."""
 
 import os
 import select

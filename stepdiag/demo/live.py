@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.demo.demo import empty_folder
 from stepdiag.demo.files import WATCHED, Pace, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.operator import LOOK_S, Operator, bench, daemon, words
@@ -18,7 +19,7 @@ from stepdiag.demo.processes import Talker
 from stepdiag.virtual.base.reserved import reserved_port
 
 LOOK_AT_PAGE_S = 8.0
-"""How long the operator waits before each setup: the page says meanwhile what is to be set up."""
+"""Wait of the operator before each setup in s: meanwhile the page shows the setting up."""
 TOKEN_FILE = "page.token"  # noqa: S105  # its name
 USUAL_PORT = 8420
 GO, END = "\n", "q"
@@ -26,9 +27,11 @@ GO, END = "\n", "q"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """What a key does: words for a person, and the fault of the virtual machine (`stepdiag.virtual`). ``placed``: at the next stop."""
+    """The action of a key: words for the viewer, and the fault of the virtual machine
+    (`stepdiag.virtual`). ``placed``: at the next stop.
+    """
 
-    does: str
+    does: Message
     kind: str
     duration_s: float = 1.0
     value: float = 0.0
@@ -42,25 +45,23 @@ class Key:
 
 
 KEYS = {
-    "b": Key(does="hold a hand into the beam for a second", kind="beam-lost"),
-    "k": Key(does="knock against the mirror: 60 µm", kind="laser-jump", value=60.0),
-    "u": Key(does="pull the laser's cable for five seconds", kind="laser-unplug", duration_s=5.0),
-    "p": Key(does="take the PLC off the network for eight seconds", kind="plc-silent", duration_s=8.0),
-    "a": Key(
-        does="let the air sensor say 85 C for half a minute", kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0
-    ),
-    "s": Key(does="leave out a stop, as a wrong program would", kind="stop-skipped", placed=True),
-    "r": Key(does="stop the program and go back five stops", kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
+    "b": Key(does=message("key-beam"), kind="beam-lost"),
+    "k": Key(does=message("key-knock"), kind="laser-jump", value=60.0),
+    "u": Key(does=message("key-unplug"), kind="laser-unplug", duration_s=5.0),
+    "p": Key(does=message("key-plc"), kind="plc-silent", duration_s=8.0),
+    "a": Key(does=message("key-air"), kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0),
+    "s": Key(does=message("key-skip"), kind="stop-skipped", placed=True),
+    "r": Key(does=message("key-abort"), kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
 }
 
 
 class Person(Protocol):
-    """Who watches the demo."""
+    """The viewer of the demo."""
 
     def opened(self, address: str, token: str) -> None:
         """Hear where the page is, and the token for its buttons."""
 
-    def show(self, line: str) -> None:
+    def show(self, line: Words) -> None:
         """Hear what happens."""
 
     def pressed(self) -> str:
@@ -68,9 +69,9 @@ class Person(Protocol):
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
-    """Run the survey under a person's eyes until they end it; everything it wrote stays in ``folder``.
+    """Run the survey before a viewer until the viewer ends it; all its files stay in ``folder``.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     config = write_bench(folder, seed, pace)
@@ -91,7 +92,9 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
 
 @contextmanager
 def page_port() -> Iterator[int]:
-    """Yield the page's usual port, or a free one where another program has it, or another demo that may not listen yet."""
+    """Yield the page's usual port, or a free port if another program has the usual port, or another
+    demo that may not listen yet.
+    """
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -104,7 +107,9 @@ def page_port() -> Iterator[int]:
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
-    """Let the survey run and obey the keys; return whether it is complete (else the person has ended it)."""
+    """Let the survey run and obey the keys; return whether it is complete (else the viewer has
+    ended it).
+    """
     ended = False
 
     def go_on() -> bool:
@@ -118,29 +123,30 @@ def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person
         return not ended
 
     for event in words(operator, recording, go_on=go_on, silence_s=float("inf")):
-        if line := _line(event):
+        line = _line(event)
+        if line != "":
             person.show(line)
         if event["event"] == "survey-complete":
             return True
     return False
 
 
-def _cause(key: Key, hall: Talker, setup: str, tell: Callable[[str], None]) -> None:
+def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) -> None:
     if key.placed and not setup:
-        tell(f"{key.does}: only while the machine drives")
+        show(message("key-while-driving", does=key.does))
         return
     hall.say(key.order(setup))
-    tell(key.does)
+    show(key.does)
 
 
-def _line(event: dict[str, str]) -> str:
+def _line(event: dict[str, str]) -> Words:
     """Return what the terminal shows of the daemon's words; the page shows the rest."""
     match event["event"]:
         case "waiting":
-            return f"waits: {event['what']}"
+            return message("demo-waits", what=event["what"])
         case "survey-open":
-            return f"open: {event['reason']}"
+            return message("demo-open", why=event["reason"])
         case "survey-complete":
-            return f"complete: {event['folder']}/report.html"
+            return message("demo-complete", path=f"{event['folder']}/report.html")
         case _:
             return ""

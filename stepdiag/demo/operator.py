@@ -16,7 +16,9 @@ READY_S = 120.0
 SILENCE_S = 120.0
 """The longest that is waited for the next word of the daemon."""
 SOLVING_S = 900.0
-"""And where it solves: it gives way to everything else, and on a busy computer that is most of the time."""
+"""Longest time of solving in s: the solver gives way to everything else, and on a busy computer it
+mostly waits.
+"""
 HAND_S = 1.0
 """A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
 SETTLED_S = 2.0

@@ -1,4 +1,6 @@
-"""Child processes that say one JSON object a line: the virtual machine and the daemon, as the demo runs them."""
+"""Child processes that print a JSON object a line: the virtual machine and the daemon in the
+demo.
+"""
 
 import json
 import os
@@ -15,14 +17,14 @@ from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
 
 END_S = 120.0
-"""How long a process may take to end in good order."""
+"""Longest time for a process to end in good order, in s."""
 REMEMBERED = 20
-"""How many of its last lines are shown where a process fails."""
+"""Last lines shown of a failed process."""
 
 
 @dataclass(slots=True)
 class Talker:
-    """A child process that says one JSON object a line."""
+    """A child process that prints a JSON object a line."""
 
     process: subprocess.Popen[str]
     lines: Queue[str | None]

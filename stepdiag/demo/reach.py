@@ -1,9 +1,12 @@
-"""What each control reaches with the same survey: the files that each would get, loaded by its law, where nobody measured."""
+"""Reach of each control with the same survey: the files of each, loaded by its law, judged at
+unmeasured points.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import Result
 from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_profile, linuxcnc_profile, siemens_profile
 from stepdiag.exporters.export.export import export
@@ -17,27 +20,29 @@ ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """One form of compensation: how people call it, the control that has it and its profile."""
+    """A form of compensation: its usual name, its control and profile."""
 
-    name: str
+    name: Message
     control: Control
     profile: str
 
 
-WHOLE_FIELD = "the whole field: LinuxCNC kinematics, lattice"
+WHOLE_FIELD = message("form-field")
 FORMS = (
-    Form(name="pitch error tables alone (any control)", control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
-    Form(name="Fanuc: and straightness (option)", control="fanuc", profile=fanuc_profile(straightness=True)),
-    Form(name="Siemens 828D: eight CEC tables, some as products", control="siemens", profile=siemens_profile(products=True, held=8)),
-    Form(name="Siemens 840D sl: products of CEC tables", control="siemens", profile=siemens_profile(products=True)),
-    Form(name="Beckhoff and ISG: columns of angles", control="beckhoff", profile=beckhoff_profile("FXYZ")),
-    Form(name="Heidenhain iTNC 530: KinematicsComp", control="heidenhain", profile=heidenhain_profile("FXYZ")),
+    Form(name=message("form-pitch"), control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
+    Form(name=message("form-fanuc"), control="fanuc", profile=fanuc_profile(straightness=True)),
+    Form(name=message("form-828d"), control="siemens", profile=siemens_profile(products=True, held=8)),
+    Form(name=message("form-840d"), control="siemens", profile=siemens_profile(products=True)),
+    Form(name=message("form-beckhoff"), control="beckhoff", profile=beckhoff_profile("FXYZ")),
+    Form(name=message("form-heidenhain"), control="heidenhain", profile=heidenhain_profile("FXYZ")),
     Form(name=WHOLE_FIELD, control="linuxcnc", profile=linuxcnc_profile()),
 )
 
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
-    """Write the files of every form into ``folder`` and yield those that act; what the profiles name lies beside ``folder``."""
+    """Write the files of every form into ``folder`` and yield the active files; files named by the
+    profiles lie beside ``folder``.
+    """
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"
         path.write_text(form.profile, encoding="utf-8")

@@ -23,13 +23,16 @@ from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, sha25
 from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table, table_of, to_parquet
 
 MOST_LOOSE = 50
-"""Tables that may stand beside the index before it is made anew: each costs a query about a millisecond."""
+"""Most tables beside the index before the index is made anew: each costs a query about a
+millisecond.
+"""
 _ID_DIGITS = 16
+"""Hexadecimal digits of a survey's name: 64 bits keep the logs of any fleet apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What became of one survey; ``size_bytes`` is what it takes in the store."""
+    """The outcome for a survey; ``size_bytes`` is its size in the store."""
 
     source: Path
     place: Place
@@ -52,16 +55,19 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 
 
 def undated(folder: Path) -> str:
-    """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
+    """Return the message that the time of a finished survey is unknown: the clock was never set and
+    no time was stated; empty for a known time.
+    """
     result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
     return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
 def add(folder: Path, store: Store) -> Added:
-    """Archive one finished survey. Again, it is found there and nothing is written.
+    """Archive a finished survey. An archived survey is found there and nothing is written.
 
-    Raises DataError where a log or the result cannot be read, or where the same logs are there with other results; UsageError where the
-    store cannot be written. Whatever ends it half-way leaves a survey that is not listed, which the next call completes.
+    Raises DataError for an unreadable log or result, or for the same logs in the store with other
+    results; UsageError if the store cannot be written. A half-way end leaves a survey that is not
+    listed; the next call completes it.
     """
     result = parse_result(read_hashed(folder / RESULT), str(folder / RESULT))
     logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
@@ -101,9 +107,10 @@ def _content_of(log: bytes) -> str:
 
 
 def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
-    """Make the index anew where more than ``most_loose`` surveys stand beside it; return how many points it holds, 0 where it stays.
+    """Make the index anew if more than ``most_loose`` surveys stand beside it; return its number of
+    points, 0 without a new index.
 
-    Of two writers at once the last one's index stays; what it lacks is read from the surveys' own tables.
+    Of two writers at once the last index stays; its missing surveys are read from their own tables.
     """
     places = store.tables()
     known, held = _indexed(store, len(places))
@@ -119,7 +126,9 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
 
 
 def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
-    """Return the index and the folders of the surveys in it; None where there is none, or one that is damaged: it is made anew then."""
+    """Return the index and the folders of the surveys in it; None for a missing or damaged index,
+    which is then made anew.
+    """
     if not store.exists(INDEX):
         return None, set()
     try:

@@ -36,7 +36,9 @@ from stepdiag.fleet.tolerances import tolerances_in
 
 
 def check(store: Store) -> Iterator[tuple[str, Message]]:
-    """Read every byte of a store; yield (file or folder, the first link in it that does not hold) for what is not as it was written."""
+    """Read every byte of a store; yield (file or folder, its first link that fails) for every
+    change since writing.
+    """
     tables: dict[str, pa.Table] = {}
     for place in store.tables():
         with tempfile.TemporaryDirectory() as scratch:
@@ -54,10 +56,10 @@ def check(store: Store) -> Iterator[tuple[str, Message]]:
 
 
 def verify_in_store(certificate: Path, address: str) -> Verified:
-    """Return whether a certificate follows from what stands in a store, and the first link that does not hold.
+    """Return whether a certificate follows from a store, and the first link that fails.
 
-    What no store holds, the laboratory's file, stands beside the certificate. Raises DataError for a file that is no certificate,
-    UsageError for an address that is no store.
+    The laboratory's file, which no store holds, stands beside the certificate. Raises DataError for
+    a file that is not a certificate, UsageError for an address that is not a store.
     """
     root, store = parsed(read_bytes(certificate), certificate.name), Store(address)
     links = custody_of(root)
@@ -112,9 +114,10 @@ def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
 
 
 def _require_index(store: Store, tables: Mapping[str, pa.Table]) -> None:
-    """Raise BrokenLinkError where the index has other points of a survey than its table, or other bytes than its points give.
+    """Raise BrokenLinkError if the points of a survey in the index differ from its table, or its
+    bytes from the points.
 
-    ``tables`` are those of the surveys that are compared, by folder.
+    ``tables`` are the tables of the compared surveys, by folder.
     """
     if not store.exists(INDEX):
         return

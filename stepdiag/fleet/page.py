@@ -1,6 +1,7 @@
 """The page of a fleet: the sheet of `report`, made anew when the store changes; on this computer unless a host is named.
 
-A browser shows the token once, in the address that the command prints, and has a cookie from then on; a program sends it with each request.
+A browser shows the token once, in the address that the command prints, and has a cookie from then
+on; a program sends the token with each request.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -15,8 +16,9 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.fleet.history import LeftOut
+from stepdiag.base.messages import Message, in_every_language, message
 from stepdiag.fleet.report import fleet_html
+from stepdiag.fleet.series import LeftOut
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
 from stepdiag.page.security import Access
@@ -33,7 +35,7 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
 class Sheets:
-    """What the page shows, computed once for all visitors until the store changes."""
+    """The contents of the page, computed once for all visitors until the store changes."""
 
     def __init__(self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str) -> None:
         """``state`` is another one after every change of the store; ``trends`` reads it."""
@@ -61,7 +63,9 @@ class Sheets:
 
 
 def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK) -> Starlette:
-    """Return the page for whoever has the token; ``names`` are those it answers to (DNS rebinding)."""
+    """Return the page for holders of the token; ``names`` are the host names it answers to (DNS
+    rebinding).
+    """
     access = Access(token, lambda _address, _count: None)
 
     def answering(make: Callable[[Request], Response]) -> Callable[[Request], object]:
@@ -69,15 +73,15 @@ def create_app(sheets: Sheets, language: Language, token: str, names: tuple[str,
             host = request.headers.get("host", "")
             name = host if host.endswith("]") else host.rpartition(":")[0] or host
             if name.lower() not in names:
-                return _plain("this page does not answer to that name", 421)
+                return _plain(message("other-host-name"), 421)
             if "token" in request.query_params:
                 return await _let_in(request, access)
             if not await access.reads(request):
-                return _plain("open the address that `stepdiag fleet` printed: it carries the token", 401)
+                return _plain(message("token-in-address"), 401)
             try:
                 made = await run_in_threadpool(make, request)
             except StepdiagError as error:
-                return _plain(str(error), 404 if isinstance(error, DataError) else 503)
+                return _plain(error.message, 404 if isinstance(error, DataError) else 503)
             made.headers.update(HEADERS)
             return made
 
@@ -104,11 +108,11 @@ def serve(app: Starlette, host: str, port: int) -> None:
 async def _let_in(request: Request, access: Access) -> Response:
     """Return what leads a browser with the right token to the same page with a cookie; the token does not stay in its address."""
     if not await access.is_token(request, request.query_params["token"]):
-        return _plain("wrong token", 401)
+        return _plain(message("wrong-token"), 401)
     answer = RedirectResponse(str(request.url.remove_query_params("token")), status_code=303, headers=HEADERS)
     access.remember(request, answer)
     return answer
 
 
-def _plain(words: str, status: int) -> Response:
-    return PlainTextResponse(words, status_code=status, headers=HEADERS)
+def _plain(words: Message, status: int) -> Response:
+    return PlainTextResponse("\n".join(in_every_language(words).values()), status_code=status, headers=HEADERS)

@@ -1,4 +1,6 @@
-"""All machines of a store on one sheet of HTML: one small multiple a machine, worst first; nothing is loaded from elsewhere."""
+"""All machines of a store on one sheet of HTML: a small multiple per machine, worst first; nothing
+is loaded from elsewhere.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,8 +8,8 @@ from datetime import datetime
 from html import escape
 
 from stepdiag.base.messages import rendered
-from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import LeftOut, Point
 from stepdiag.fleet.terminal import as_csv
 from stepdiag.fleet.trend import Trend, already_perhaps, day, rank, statements
 from stepdiag.report.drawings import svg
@@ -15,7 +17,7 @@ from stepdiag.report.drawings.figure import data_link
 from stepdiag.texts.texts import UNITS, Language, catalogue, localised
 
 NEAR_PX = 5.0
-"""How far from a survey's dot a pointer still finds its value."""
+"""Largest distance in px from a survey's dot at which a pointer finds its value."""
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 300.0, 120.0, 34.0, 6.0, 8.0, 18.0
 STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;color:#1b1f24;background:#fff}

@@ -1,9 +1,10 @@
-"""Today's solver over every archived survey: one task a survey, its result beside the old one.
+"""Today's solver over every archived survey: a task per survey, its result beside the old result.
 
-The tasks run in processes of this computer, which have pipes and no ports, or on the workers of a Dask scheduler, by TLS with certificates
-on both sides: a scheduler runs any code that a client sends, so without a certificate every account of the computer is its owner. A worker
-that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since a survey that stands in the
-store is not computed again. Without a change of software the bytes are the same: that is the self-test.
+The tasks run in processes of this computer, which have pipes and no ports, or on the workers of a
+Dask scheduler, by TLS with certificates on both sides: a scheduler runs any code that a client
+sends, so without a certificate every account of the computer is its owner. A lost worker costs its
+task, which another worker takes over; an ended run goes on at its place, since a survey in the
+store is not computed again. Without a change of software the bytes are the same: the self-test.
 """
 
 import json
@@ -26,7 +27,7 @@ from distributed import Client, KilledWorker, as_completed
 from distributed.security import Security
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Words, message
 from stepdiag.base.result.members import software
 from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
@@ -44,27 +45,29 @@ from stepdiag.walls.confine import die_with_parent
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
 RETRIES = 3
-"""How often a survey is begun anew when its worker is lost or the store is away for a moment."""
+"""Number of new tries of a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002
 """The same readings give the same figure; more than this (um, urad, um/m) is more than its last written digit."""
 WORKER_MEMORY = 2 * 10**9
 """Bytes of data that a worker of this computer may hold."""
 PATIENCE_S = 20
+"""Longest time to reach the scheduler in s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """What came of one survey; ``changed`` holds what is another figure now, ``reason`` why there is no result, or by which
-    survey file there is one."""
+    """The outcome for a survey; ``changed`` holds the changed figures, ``reason`` the reason for a
+    missing result, or the survey file behind the result.
+    """
 
     place: Place
     outcome: Literal["the same bytes", "solved anew", "failed"]
     changed: tuple[str, ...] = ()
-    reason: str = ""
+    reason: Words = ""
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""
-        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": self.reason}
+        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": f"{self.reason}"}
 
 
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
@@ -85,7 +88,9 @@ class Scheduler:
     key: Path
 
     def connected(self) -> Client:
-        """Return a client of the scheduler. Raises DeviceError where it cannot be reached, or proves to be another one."""
+        """Return a client of the scheduler. Raises DeviceError if the scheduler cannot be reached,
+        or proves to be another.
+        """
         try:
             security = Security(
                 require_encryption=True, tls_ca_file=str(self.ca), tls_client_cert=str(self.certificate), tls_client_key=str(self.key)
@@ -97,11 +102,12 @@ class Scheduler:
 
 
 def resolve(store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = "") -> Iterator[Solved]:
-    """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers; yield each as it is done.
+    """Solve surveys anew ``by`` so many processes of this computer, or on a scheduler's workers;
+    yield each finished survey.
 
-    ``survey`` is the text of a survey file that stands for those in the logs that are not read any more.
+    ``survey`` is the text of a survey file that replaces unreadable survey files in the logs.
 
-    Raises DeviceError where the scheduler cannot be reached.
+    Raises DeviceError if the scheduler cannot be reached.
     """
     if isinstance(by, int):
         yield from _solved_here(store, places, by, survey)
@@ -150,13 +156,13 @@ def _in_a_lane(lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: 
 
 
 class _Lane:
-    """One process after the other: a process that is lost is replaced, and its survey begun anew."""
+    """Process after process: a lost process is replaced, and its survey begun anew."""
 
     def __init__(self) -> None:
         self._process: ProcessPoolExecutor | None = None
 
     def solve(self, address: str, place: Place, survey: str) -> Solved:
-        """Solve a survey; one that costs every process its life has failed."""
+        """Solve a survey; a survey that kills every process has failed."""
         for _ in range(1 + RETRIES):
             if self._process is None:
                 self._process = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_worker)
@@ -180,11 +186,13 @@ def _begin_worker() -> None:
 
 
 def _lost(place: Place) -> Solved:
-    return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY / 1e9:g} GB)")
+    return Solved(place=place, outcome="failed", reason=message("every-worker-lost", limit_gb=WORKER_MEMORY / 1e9))
 
 
 def _outcome(future: Any, place: Place) -> Solved:
-    """Return what a task came to; one that costs every worker its life is a survey that failed, and no reason to end."""
+    """Return the outcome of a task; a survey that kills every worker has failed, without an end of
+    the run.
+    """
     try:
         solved: Solved = future.result()
     except KilledWorker:
@@ -193,7 +201,9 @@ def _outcome(future: Any, place: Place) -> Solved:
 
 
 def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str = "") -> Solved:
-    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is reported, not raised."""
+    """Solve a survey of a store anew and write the differences beside it; a failure is reported,
+    not raised.
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
     with tempfile.TemporaryDirectory() as scratch:
@@ -204,18 +214,19 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
             old = (folder / RESULT).read_text(encoding="utf-8")
-            by = "by the survey file given" if instead else ""
+            by = message("by-survey-given") if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
             return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text), reason=by)
         except StepdiagError as error:
-            return Solved(place=place, outcome="failed", reason=str(error))
+            return Solved(place=place, outcome="failed", reason=error.message)
 
 
 def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:
-    """Return a file with the survey that stands for the one in a log; None where that is read: it says how the survey was driven.
+    """Return a file with the survey that replaces the survey in a log; None if the log's own survey
+    is readable: it states the drive of the survey.
 
-    Raises UsageError for a survey that is refused itself, DataError for one of another machine.
+    Raises UsageError for an invalid survey, DataError for a survey of another machine.
     """
     try:
         parse_survey(open_log(log).header.survey_text, log.name)

@@ -23,10 +23,12 @@ _MOMENT = "%Y-%m-%d %H:%M UTC"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One number of a result. ``axis`` is the one that moves, empty for a squareness; ``u`` is at ``k`` = 1, None where none is stated.
+    """A number of a result. ``axis`` is the moving axis, empty for a squareness; ``u`` is at ``k``
+    = 1, None if not stated.
 
-    ``u_common`` is the part of ``u`` that all surveys by the same instruments share. ``low`` and ``high`` are the ends (k = 2) of a figure
-    whose interval is skewed: ``u`` is a quarter of its width then.
+    ``u_common`` is the common part of ``u`` of all surveys by the same instruments. ``low`` and
+    ``high`` are the ends (k = 2) of a figure whose interval is skewed: ``u`` is a quarter of its
+    width then.
     """
 
     quantity: str
@@ -43,7 +45,9 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """What all rows of a result share; ``event`` says what happened to the machine before the survey, ``conditions`` is JSON."""
+    """The common columns of all rows of a result; ``event`` names an event at the machine before
+    the survey, ``conditions`` is JSON.
+    """
 
     machine: str
     survey: str

@@ -1,4 +1,5 @@
-"""The store: files below one folder, a network share or a bucket, that are written whole, once, and never changed.
+"""The store: files below a folder, a network share or a bucket, written whole, once, and never
+changed.
 
     stepdiag-store.json                            which layout
     machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in archived.json
@@ -6,8 +7,9 @@
     machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
     series.index                                   every quantity of every survey, in one file, for speed; made again at any time
 
-Every byte that a figure is read from is under a hash that is compared: `archived.json` states that of the survey's files and of its table,
-and is itself as it is written and not otherwise; the index begins with the hash of the rest.
+Every byte behind a figure is under a hash that is compared: `archived.json` states the hash of the
+survey's files and of its table, and has a canonical form itself; the index begins with the hash of
+the rest.
 
 Two writers at once do not meet: they write under names of their own, and rename. Names of machines are percent-encoded.
 """
@@ -30,14 +32,16 @@ from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_BYTES
 from stepdiag.base.messages import excerpt, message
-from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.daq.records.survey_folder import RESULT, machine_folder
 
 FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
 LISTED_FORMAT, LISTED_VERSION = "stepdiag-archived", 1
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 4_000_000
-"""As a list of files: 20,000 names with their hashes. What is parsed takes up to thirty times as much memory."""
+"""As a list of files: 20,000 names with their hashes. Parsing takes up to thirty times as much
+memory.
+"""
 LARGEST_FILE_BYTES = 4_000_000_000
 """Of a survey's file: it is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
@@ -58,7 +62,9 @@ class Listed(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a survey stands in the store; ``software`` is the version that solved it anew, empty for what was archived."""
+    """The place of a survey in the store; ``software`` is the version that solved it anew, empty
+    for the archived result.
+    """
 
     machine: str
     year: str
@@ -69,7 +75,7 @@ class Place(NamedTuple):
     def folder(self) -> str:
         """Return the folder of its files, seen from the store."""
         behind = f"@{quote(self.software, safe='.+')}" if self.software else ""
-        return f"machine={quote(self.machine, safe=' ')}/year={self.year}/{self.survey}{behind}"
+        return f"{machine_folder(self.machine)}/year={self.year}/{self.survey}{behind}"
 
     @property
     def table(self) -> str:
@@ -90,7 +96,9 @@ def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes behind their own hash: one file, so that no reader meets the hash of another writer."""
+    """Return bytes behind their own hash: a single file, so that no reader meets the hash of
+    another writer.
+    """
     return sha256(data).encode() + b"\n" + data
 
 
@@ -126,7 +134,9 @@ class Store:
             return bool(self._files.exists(self.path(name)))
 
     def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
-        """Return a file. Raises DataError, before it is read, where it holds more than ``largest`` bytes."""
+        """Return a file. Raises DataError, before reading, for a file of more than ``largest``
+        bytes.
+        """
         with refusing(name):
             size = self._files.size(self.path(name))
             if size is not None and size > largest:
@@ -139,7 +149,9 @@ class Store:
             return bytes(self._files.cat_file(self.path(name)))
 
     def copied(self, name: str, target: Path | None = None) -> str:
-        """Return the SHA-256 of a file, read piece by piece; a copy goes to ``target``. Raises DataError for one that is too large."""
+        """Return the SHA-256 of a file, read piece by piece; a copy goes to ``target``. Raises
+        DataError for a file too large.
+        """
         found, size = hashlib.sha256(), 0
         with refusing(name), self._files.open(self.path(name), "rb") as file, open(target or os.devnull, "wb") as copy:  # noqa: PTH123
             while piece := file.read(_PIECE_BYTES):
@@ -154,7 +166,9 @@ class Store:
         return found.hexdigest()
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
-        """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
+        """Write a file whole or not at all, and on the disk on return; not ``anew``, a file written
+        meanwhile stays.
+        """
         target = self.path(name)
         with refusing(name):
             if not self.is_local:
@@ -167,9 +181,10 @@ class Store:
                 sync_folder(Path(target).parent)
 
     def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
-        """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless replaced.
+        """Write a file, read it back and return its bytes; an existing file of the same meaning
+        stays, its bytes unless replaced.
 
-        Raises DataError where another is there, or comes back.
+        Raises DataError if another file is there, or comes back.
         """
         wanted = meaning(data)
         if not self.exists(name):
@@ -224,7 +239,7 @@ class Store:
 
     @property
     def filesystem(self) -> Any:
-        """Return the file system, for readers that take one."""
+        """Return the file system, for readers that need it."""
         return self._files
 
     def _require_known(self) -> None:
@@ -276,7 +291,9 @@ def _place(path: str) -> Place:
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:
-    """Give a written file its name; where the share knows links, another's that has it by now is left alone."""
+    """Give a written file its name; if the share has links, another writer's file of this name
+    stays.
+    """
     if not anew:
         try:
             target.hardlink_to(part)

@@ -1,7 +1,9 @@
-"""The rows of one result as a Parquet file, and the index of many: texts that repeat stored once, zstd.
+"""The rows of a result as a Parquet file, and the index of many: texts that repeat stored once,
+zstd.
 
-A row of the index is one quantity in one survey: its nodes in three lists, and the one figure that a table shows. A function is shown by
-its range, with the uncertainty of the difference of its extremes; a number is itself.
+A row of the index is a quantity in a survey: its nodes in three lists, and the figure of a table. A
+function is shown by its range, with the uncertainty of the difference of its extremes; a number is
+itself.
 """
 
 import io
@@ -39,7 +41,7 @@ SCHEMA = pa.schema(
 COLUMNS = tuple(SCHEMA.names)
 _BY = "parquet-cpp-arrow version "
 PLACE = "place"
-"""The column behind the others of a point: the folder of the survey that it is of."""
+"""The column behind the others of a point: the folder of its survey."""
 _LIST = pa.list_(pa.float32())
 _OF_SURVEY = ("survey", "time", "event", "conditions", "software")
 INDEX_SCHEMA = pa.schema(
@@ -50,11 +52,15 @@ INDEX_SCHEMA = pa.schema(
 )  # fmt: skip
 """``value``, ``u``, ``low``, ``high``: what a table shows; ``common``: the share of u that surveys by the same instruments share."""
 MOST_ROWS = 300_000
-"""A survey of every kind of setup has a few thousand, one axis alone at most as many as it may have readings."""
+"""A survey of every kind of setup has a few thousand rows, a single axis at most as many as its
+readings.
+"""
 MOST_POINTS_A_SURVEY = 100
 """A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26 quantities."""
 LARGEST_POINT_BYTES = 4000
-"""The conditions of a survey stand beside each of its points, and the nodes of a function: three numbers each."""
+"""The conditions of a survey stand beside each of its points, and the nodes of a function: three
+numbers each.
+"""
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999))
 _REMEDY = message("remove-table")
@@ -112,13 +118,17 @@ def to_parquet(table: pa.Table, result: str = "") -> bytes:
 
 
 def result_named(data: bytes) -> str:
-    """Return the SHA-256 of its result that a table names; empty where it names none. Raises DataError for a damaged one."""
+    """Return the SHA-256 of the result named by a table; empty if none. Raises DataError for a
+    damaged table.
+    """
     with _damage_named("parquet"):
         return _known(pq.read_metadata(pa.BufferReader(data))).get(_RESULT, b"").decode("ascii")
 
 
 def written_by_another(data: bytes) -> bool:
-    """Return whether another version of the library wrote a table, so that the same rows are other bytes; it states its version twice."""
+    """Return whether another version of the library wrote a table, so that the same rows are other
+    bytes; the file states its version twice.
+    """
     with _damage_named("parquet"):
         metadata = pq.read_metadata(pa.BufferReader(data))
         version = _known(metadata).get(_WRITER, b"").decode("ascii")
@@ -131,10 +141,11 @@ def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
 
 
 def read_table(store: Store, place: Place) -> pa.Table:
-    """Return the rows of one survey, a table of `SCHEMA`, whose bytes have the hash that the list of its files states.
+    """Return the rows of a survey, a table of `SCHEMA`, whose bytes have the hash in the list of
+    its files.
 
-    Where an older version stated none, the rows are compared with those of its result. Raises DataError as `from_parquet` and
-    `Store.listed` do, and for bytes or rows that are others.
+    Without a hash (older versions), the rows are compared with the rows of its result. Raises
+    DataError as `from_parquet` and `Store.listed` do, and for other bytes or rows.
     """
     return _rows_in(store, place, store.listed(place).table)
 
@@ -154,7 +165,7 @@ def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
 
 
 def rows_from(result: bytes, place: Place) -> pa.Table:
-    """Return the rows of a result in the store. Raises DataError for one that cannot be read."""
+    """Return the rows of a result in the store. Raises DataError for an unreadable result."""
     read = parse_result(as_text(result, f"{place.folder}/{RESULT}"), RESULT)
     return table_of(about(read, place.survey), list(rows_of(read)))
 
@@ -170,8 +181,9 @@ def read_index(store: Store, surveys: int) -> pa.Table:
 def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int) -> pa.Table:
     """Return the table in a file, of ``schema``.
 
-    Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with a value that no survey has. A few
-    hundred kilobytes can hold millions of rows, so the end of the file is judged before anything is unpacked.
+    Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with an
+    impossible value. A few hundred kilobytes can hold millions of rows, so the end of the file is
+    checked before anything is unpacked.
     """
     with _damage_named(name):
         metadata = pq.read_metadata(pa.BufferReader(data))

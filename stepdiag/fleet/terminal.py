@@ -13,8 +13,8 @@ from rich.text import Text
 from stepdiag.base.messages import joined, message
 from stepdiag.base.result.members import Verdict
 from stepdiag.comparing.evolution import Course
-from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import LeftOut, Point
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
 from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
@@ -26,9 +26,11 @@ HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "low", 
 
 
 def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
-    """Return one row a series: the last figure with its U, what became of it, when it leaves its tolerance.
+    """Return a row per series: the last figure with its U, its trend, the time of leaving its
+    tolerance.
 
-    Not ``whole``: every machine's volumetric error, and what is not unchanged; the caption counts the others.
+    Not ``whole``: every machine's volumetric error, and every changed or open series; the caption
+    counts the others.
     """
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
     caption = None if len(rows) == len(trends) else shown(message("more-unchanged", count=len(trends) - len(rows)))
@@ -142,7 +144,7 @@ def _rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
 
 
 def _safe(words: str) -> str:
-    """Return a text that a spreadsheet shows instead of computing it."""
+    """Return a text that a spreadsheet shows and does not compute."""
     return f"'{words}" if words.startswith(("=", "+", "-", "@", "\t")) else words
 
 

@@ -1,4 +1,4 @@
-"""What the works allows: tolerances in a file of the store, for all machines and for single ones.
+"""Tolerances of the works in a file of the store, for all machines and for single machines.
 
 [all]
 volumetric-rms = 15.0
@@ -16,7 +16,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
-from stepdiag.fleet.history import Series
+from stepdiag.fleet.series import Series
 from stepdiag.fleet.store import Store
 
 FILE = "tolerances.toml"
@@ -59,7 +59,9 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
 
 
 def _require_of(machine: str, of: Mapping[str, float], series: Sequence[Series], source: str) -> None:
-    """Raise UsageError for a machine that the store has not, and for a quantity that this machine has not."""
+    """Raise UsageError for a machine missing in the store, and for a quantity missing in the
+    machine.
+    """
     own = {each.quantity for each in series if each.machine == machine}
     if not own:
         known = sorted({each.machine for each in series})

@@ -1,4 +1,5 @@
-"""What changed on each machine of a store, since when and after what; and when a figure leaves its tolerance.
+"""Changes on each machine of a store, their time and cause; and the time when a figure leaves its
+tolerance.
 
 The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an accepted line, towards the tolerance alone.
 """
@@ -17,7 +18,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Verdict as Conforming
 from stepdiag.comparing.chance import Verdict
 from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
-from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
+from stepdiag.fleet.series import OF_VOLUME, Point, Series, Survey
 from stepdiag.texts.texts import UNITS
 
 Array = NDArray[np.float64]
@@ -40,10 +41,10 @@ class Leaving:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """What became of one series.
+    """The trend of a series.
 
-    ``outside`` is None without a tolerance, else whether the last survey is beyond it for sure ("yes"), "perhaps", or "no". A figure
-    without a stated uncertainty is perhaps beyond it.
+    ``outside`` is None without a tolerance, else whether the last survey is certainly outside
+    ("yes"), "perhaps", or "no". A figure without a stated uncertainty is perhaps outside.
     """
 
     series: Series
@@ -142,10 +143,11 @@ def _calendar(surveys: Sequence[Survey]) -> Calendar:
 
 
 def _own(series: Series) -> Array:
-    """Return the uncertainties that each survey has for itself, shape (surveys, nodes).
+    """Return the own uncertainties of each survey, shape (surveys, nodes).
 
-    What surveys by the same instruments share is left out. Other instruments have a share of their own: all of their surveys are off
-    together, which counts as much as if each of n surveys alone were off by sqrt(n) as much.
+    The common part of surveys by the same instruments is left out. Other instruments have a share
+    of their own: all of their surveys are off together, which counts like a deviation sqrt(n) times
+    as large of each of n surveys alone.
     """
     common = series.common[:, None] * series.u
     squared = series.u**2 - common**2
@@ -167,10 +169,11 @@ def rank(trend: Trend) -> tuple[int, float]:
 
 
 def _leaving(series: Series, found: Explained, scattered: float, tolerance: float) -> Leaving | None:
-    """Return when the line, and its band at k = 2, cross the tolerance towards which it runs; a date in the past stands for now.
+    """Return the time when the line, and its band at k = 2, cross the tolerance ahead of it; a date
+    in the past stands for now.
 
-    None where there is no line, or one that runs away from the tolerance: a figure that is a magnitude leaves by growing alone. Beside a
-    season it is the mean of the year that leaves.
+    None without a line, or for a line away from the tolerance: a figure that is a magnitude leaves
+    by growing alone. Beside a season the mean of the year leaves.
     """
     line = next((each for each in found.courses if each.kind == "line"), None)
     kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
@@ -215,7 +218,7 @@ def _leaving(series: Series, found: Explained, scattered: float, tolerance: floa
 
 
 def _centred(series: Series) -> Array:
-    """Return the shown figures; one with a skewed interval by its middle, about which it is even."""
+    """Return the shown figures; a figure with a skewed interval by its middle."""
     middle = series.shown[:, 2:].mean(axis=1)
     centred: Array = np.where(np.isfinite(middle), middle, series.shown[:, 0])
     return centred

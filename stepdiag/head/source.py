@@ -1,4 +1,6 @@
-"""Where the commands of the 4-DOF head get their numbers: a live head, a log, a CSV, a person at the stage, a calibration file."""
+"""Sources of numbers for the commands of the 4-DOF head: a live head, a log, a CSV, input at the
+stage, a calibration file.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from stepdiag.fourdof.runs import HeadMeasured
 
 STAGE_S = 1.0
-"""How long the head is averaged at each place of a live calibration."""
+"""Averaging time of the head at each place of a live calibration, in s."""
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":

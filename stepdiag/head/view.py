@@ -30,7 +30,7 @@ BAR = 6
 REFRESH_HZ = 10
 LINES: tuple[LineMethod, ...] = ("end-point", "least-squares", "minimum-zone")
 PAPER_UM, PAPER_ARCSEC = 1.5, 1.5
-"""What the published head reaches (Feng 2008, abstract)."""
+"""Figures of the published head (Feng 2008, abstract)."""
 
 
 class AlignView:
@@ -86,7 +86,7 @@ def _bar(value: float) -> str:
 
 
 def commission_table(done: HeadCommissioned) -> None:
-    """Print one row a field that the commissioning found: its value and its U (k = 2)."""
+    """Print a row per field found by the commissioning: its value and its U (k = 2)."""
     table = empty_table(message("table-commissioned"))
     for name, value, u in zip(done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True):
         table.add_row(name, f"{value:+.5g}", f"{2 * u:.2g}")
@@ -112,8 +112,15 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
     for name, each in fits.items():
         order = np.argsort(each.run.reference)
         series = Series(label=name, x=each.run.reference[order], y=each.residual[order])
-        label, unit = f"{name}: residual of the fitted curve", UNITS[each.run.unit]
-        drawn.append(line_chart([series], label=label, x_label=f"{name}: reference / {unit}", y_label=f"residual / {unit}"))
+        label, unit = shown(message("chart-residual", name=name)), UNITS[each.run.unit]
+        drawn.append(
+            line_chart(
+                [series],
+                label=label,
+                x_label=shown(message("axis-of-reference", name=name, unit=unit)),
+                y_label=shown(message("axis-of-residual", unit=unit)),
+            )
+        )
     return drawn
 
 
@@ -134,11 +141,13 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
     for name, each in found.items():
         octaves = np.log10(each.tau_s)
         series = [
-            Series(label="raw", x=octaves, y=each.raw_allan),
-            Series(label="compensated", x=octaves, y=each.compensated_allan),
+            Series(label=shown(message("chart-raw")), x=octaves, y=each.raw_allan),
+            Series(label=shown(message("chart-compensated")), x=octaves, y=each.compensated_allan),
         ]
         y_label = f"{name} / {_unit(name)}"
-        drawn.append(line_chart(series, label=f"Allan deviation of {name}", x_label="log10 of averaging time / s", y_label=y_label))
+        drawn.append(
+            line_chart(series, label=shown(message("chart-allan", name=name)), x_label=shown(message("axis-of-averaging")), y_label=y_label)
+        )
     return drawn
 
 
@@ -164,7 +173,9 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
 
 
 def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
-    """Yield for every axis where one head stood from the other (U, k = 2), and the rms that this leaves of the functions."""
+    """Yield for every axis the place of a head relative to the other (U, k = 2), and its rms effect
+    on the functions.
+    """
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
         places = ", ".join(f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm))
@@ -177,7 +188,7 @@ def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
     return [
         line_chart(
             [Series(label=name, x=each.position_mm, y=each.residual)],
-            label=f"{name}: head minus reference",
+            label=shown(message("chart-head-reference", name=name)),
             x_label="position / mm",
             y_label=f"{name} / {_unit(name)}",
         )

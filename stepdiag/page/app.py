@@ -1,6 +1,8 @@
-"""The page as an application: the live stream, the texts, the downloads, and the commands of those who may.
+"""The page as an application: the live stream, the texts, the downloads, and the commands of
+permitted users.
 
-It runs in a process of its own (`stepdiag.page.process`); all it knows of the daemon is `RemoteDaemon`.
+It runs in a process of its own (`stepdiag.page.process`); its only view of the daemon is
+`RemoteDaemon`.
 """
 
 import asyncio
@@ -37,7 +39,7 @@ STATIC = Path(str(files("stepdiag.page") / "static"))
 LONGEST_COMMAND = 3000
 """Bytes of a command's body that are read at most; the pipe to the daemon takes so much at once."""
 BODY_S = 5.0
-"""How long they may take."""
+"""Longest time for the body of a request in s."""
 MOST_READERS = 200
 """Streams served at once, no more than half of them for one address; counted before they are accepted."""
 
@@ -50,7 +52,7 @@ class Ordered(msgspec.Struct, frozen=True):
 
 
 class Daemon(Protocol):
-    """What the page asks of the daemon (`stepdiag.page.remote.RemoteDaemon`)."""
+    """The daemon as the page uses it (`stepdiag.page.remote.RemoteDaemon`)."""
 
     def watch(self, *, on: bool) -> None:
         """Have pictures shown from now on, or no more."""
@@ -59,13 +61,15 @@ class Daemon(Protocol):
         """Return the present state. Raises DeviceError where the daemon does not say it."""
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
-        """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
+        """Have an order done; return the reason of a refusal, empty after success. Raises
+        DeviceError for a silent daemon.
+        """
 
     def say_guesses(self, address: str, count: int) -> None:
         """Say that an address has sent so many wrong tokens."""
 
     def say_fault(self, why: object) -> None:
-        """Say that something went wrong that is a fault of this program."""
+        """Report a fault of this program."""
 
 
 class Page:
@@ -127,7 +131,7 @@ class Page:
         return JSONResponse([{field: getattr(one, field) for field in fields} for one in await self._listed()])
 
     async def download(self, request: Request) -> Response:
-        """Answer one of the listed files; a name that is not listed does not exist."""
+        """Answer a listed file; a name off the list does not exist."""
         if not await self.access.reads(request):
             return _locked()
         wanted = request.path_params["name"]

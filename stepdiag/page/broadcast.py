@@ -1,4 +1,6 @@
-"""One encoding of each snapshot for everyone who looks on; a slow reader gets the latest, never a backlog."""
+"""A single encoding of each snapshot for all viewers; a slow reader gets the latest, never a
+backlog.
+"""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -10,7 +12,7 @@ from stepdiag.daq.records.status import Snapshot
 from stepdiag.page.view import SLOW_FIELDS, now_view, survey_view
 
 RETRY_MS = 500
-"""How soon a browser knocks again after the line broke."""
+"""Wait of a browser after a broken line before its next try, in ms."""
 
 
 def encode_event(name: str, content: dict[str, Any]) -> bytes:
@@ -19,7 +21,7 @@ def encode_event(name: str, content: dict[str, Any]) -> bytes:
 
 
 class Mailbox:
-    """What one reader has not fetched yet: at most one event of each kind, the newest."""
+    """Events that a reader has not fetched yet: at most one of each kind, the newest."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, bytes] = {}
@@ -81,7 +83,7 @@ class Broadcaster:
                 self._on_readers(False)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Give a picture to everybody: what changes seldom only where it has changed, or to those who have not seen it yet."""
+        """Give a picture to all readers: its slow parts only after a change, or to new readers."""
         changed = self._refresh(snapshot)
         now = encode_event("now", now_view(snapshot))
         for mailbox in self._newcomers:

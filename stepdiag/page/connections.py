@@ -1,6 +1,7 @@
-"""Who is let in: so many connections, no more than half of them for one address, and each must say soon what it wants.
+"""Admission of connections: a limited number, no more than half of them for a single address, and
+each must send its request soon.
 
-The limits hold where a connection is accepted, before any of it costs memory or a word in a log.
+The limits hold where a connection is accepted, before it costs any memory or a word in a log.
 """
 
 import asyncio
@@ -15,7 +16,7 @@ MOST_CONNECTIONS = 300
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
 """Nobody alone can keep all others out."""
 HEAD_S = 10.0
-"""How long the head of a request may take from the first byte that could be its own."""
+"""Longest time for the head of a request in s, from its first possible byte."""
 LONGEST_HEAD = 16_384
 """Bytes of a head."""
 
@@ -27,7 +28,7 @@ class CappedListener(socket.socket):
         super().__init__(fileno=descriptor)
         self._open: dict[socket.socket, str] = {}
         self.refused = 0
-        """How many were too much."""
+        """Number of refused connections."""
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
         """Return the next connection. Raises ConnectionAbortedError for one too much, which asyncio takes for a guest who has left."""

@@ -34,12 +34,12 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
 
 
 def _stands_in(folder: Path, path: Path) -> bool:
-    """Tell whether a file is one of the folder, not a link that leads out of it."""
+    """Return whether a file belongs to the folder, and is no link that leads out of it."""
     return path.resolve().is_relative_to(folder.resolve())
 
 
 def _bundles(exports: Path) -> Iterator[Download]:
-    """Yield two bundles a control that has files: what is loaded, and what brings it back."""
+    """Yield two bundles per control with files: the files to load, and the files to restore."""
     for folder in sorted(exports.iterdir()) if exports.is_dir() else ():
         if folder.is_dir() and not folder.name.startswith(".") and _stands_in(exports, folder) and whole(folder):
             size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
@@ -48,7 +48,9 @@ def _bundles(exports: Path) -> Iterator[Download]:
 
 
 def _exported(folder: Path) -> list[Path]:
-    """Return the files of every whole set; of a folder that is none only why it was refused: for some controls a .txt is what is loaded."""
+    """Return the files of every whole set; of another folder only the reason of its refusal: for
+    some controls a .txt is a file to load.
+    """
     if not folder.is_dir():
         return []
     found: list[Path] = []

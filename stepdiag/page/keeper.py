@@ -1,11 +1,12 @@
-"""The daemon's side of the page: sends pictures, hears orders.
+"""The daemon's side of the page: sends pictures, receives orders.
 
-As a service the page is a unit with an account of its own, which systemd starts for its first visitor and which comes over a socket of the
-file system; the kernel names the account that calls (SO_PEERCRED, unix(7)), and no other is served. Elsewhere the daemon opens the page's
-address and keeps its process, over a pair of sockets.
+As a service the page is a unit with an account of its own, which systemd starts for its first
+visitor and which comes over a socket of the file system; the kernel names the calling account
+(SO_PEERCRED, unix(7)), and no other is served. Elsewhere the daemon opens the page's address and
+keeps its process, over a pair of sockets.
 
-Whatever comes from that process is as little trusted as what comes from a browser: its messages are short, few at a time, and checked;
-what it does not fetch is left out. Nothing here ends the daemon.
+Messages of this process are as little trusted as a browser's: they are short, few at a time, and
+checked; unfetched messages are left out. Nothing here ends the daemon.
 """
 
 import asyncio
@@ -48,18 +49,21 @@ from stepdiag.page.messages import (
 SHORTEST_S = 0.1
 """No more than ten pictures a second."""
 HEARTBEAT_S = 0.25
-"""At least four a second, so that a reader who hears nothing for 0.8 s knows that something is wrong."""
+"""At least four pictures a second, so that a reader with a silence of 0.8 s recognises a fault."""
 REQUEST_S = 0.01
 """No more than a hundred requests a second are looked at."""
 MOST_UNREAD = 1_000_000
-"""Bytes that the page has not fetched: more, and it is started again."""
+"""Most bytes that the page has not fetched: beyond this number it is restarted."""
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
-"""How long to wait before the page is started for the second time, the third, and so on; anew after it lived `LIVED_S`."""
+"""Waits in s before the second start of the page, the third, and so on; from the beginning again
+after a life of `LIVED_S`.
+"""
 LIVED_S = 60.0
 GRACE_S = 1.0
-"""How long the page may take to end its streams and downloads once the daemon ends."""
+"""Time in s for the page to end its streams and downloads at the end of the daemon."""
 BACKLOG = 128
 LAST_WORDS = 2000
+"""Characters of a failure in the log: the rest of a traceback adds nothing."""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
@@ -121,7 +125,9 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
 
 @asynccontextmanager
 async def page_served(path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]) -> AsyncIterator[None]:
-    """Serve the page of another account over a socket of the file system while the block runs; one that comes anew takes over."""
+    """Serve the page of another account over a socket of the file system while the block runs; a
+    new page takes over.
+    """
     visits: set[asyncio.Task[None]] = set()
 
     async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -139,7 +145,7 @@ async def page_served(path: Path, account: int, source: StatusSource, figures: C
         try:
             await visit.hear(reader)
         except Exception as error:  # noqa: BLE001 - whatever it is, the page comes back and the recording goes on
-            _log.error("page-ended", said=f"{type(error).__name__}: {error}"[:LAST_WORDS])
+            _log.error("page-ended", words=f"{type(error).__name__}: {error}"[:LAST_WORDS])
         finally:
             visits.discard(task)
             visit.close()
@@ -170,7 +176,7 @@ async def page_kept(
 
 
 class PageKeeper:
-    """Starts the page's process again whenever it ends, and serves it over its pipes."""
+    """Restarts the page's process after each end, and serves it over its pipes."""
 
     def __init__(
         self, source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
@@ -191,11 +197,13 @@ class PageKeeper:
                 last_words = f"{type(error).__name__}: {error}"[:LAST_WORDS]
             failures = 1 if time.monotonic() - began_s > LIVED_S else failures + 1
             wait_s = AGAIN_S[min(failures, len(AGAIN_S)) - 1]
-            _log.error("page-ended", said=last_words, again_in_s=wait_s)
+            _log.error("page-ended", words=last_words, again_in_s=wait_s)
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
-        """Run the process to its end; return its last words. Whatever goes wrong here ends it, and nothing else."""
+        """Run the process to its end; return its last words. Any failure here ends the process, and
+        nothing else.
+        """
         ours, theirs = socket.socketpair()
         with ours, theirs:
             try:
@@ -231,7 +239,9 @@ class PageKeeper:
 
 
 class _Line:
-    """The way to the page. What it does not fetch is not sent: a picture is left out, and too much of all else ends the visit."""
+    """The line to the page. Unfetched data are not sent: a picture is left out, and too much of
+    anything else ends the visit.
+    """
 
     def __init__(self, transport: asyncio.WriteTransport) -> None:
         self._transport = transport
@@ -241,20 +251,20 @@ class _Line:
         """Whether everything sent so far is on its way."""
         return self._transport.get_write_buffer_size() == 0
 
-    def send(self, message: object) -> None:
+    def send(self, sent: object) -> None:
         """Send a message. Raises ConnectionError where the page has stopped to listen."""
         if self._transport.get_write_buffer_size() > MOST_UNREAD:
-            raise ConnectionError("the page does not fetch its answers")
-        self._transport.write(framed(message))
+            raise ConnectionError(message("answers-not-fetched"))
+        self._transport.write(framed(sent))
 
     def close(self) -> None:
-        """Close the connection without waiting for anybody; one that broke has closed itself."""
+        """Close the connection without waiting; a broken connection has closed itself."""
         if not self._transport.is_closing():
             self._transport.abort()
 
 
 class _Visit:
-    """One life of the page's process: what it asks, and the pictures it gets while somebody looks on."""
+    """A life of the page's process: its requests, and its pictures while it has viewers."""
 
     def __init__(self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None) -> None:
         self._source = source
@@ -264,12 +274,12 @@ class _Visit:
         self._faults = 0
 
     async def hear(self, reader: asyncio.StreamReader) -> None:
-        """Do what is asked, one thing at a time. Raises what makes the page one that cannot be served on."""
+        """Obey the requests in turn. Raises the reason why the page cannot be served on."""
         with suppress(asyncio.IncompleteReadError):
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_REQUEST:
-                    raise ConnectionError(f"a request of {length} bytes")
+                    raise ConnectionError(message("request-of-bytes", count=length))
                 await self._do(request_decoder.decode(await reader.readexactly(length)))
                 await asyncio.sleep(REQUEST_S)
 
@@ -297,10 +307,10 @@ class _Visit:
                 _log.info("page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing")
 
     def _say_fault(self, text: str) -> None:
-        """Say it in the log, but not for every request of somebody who has found a way to cause it."""
+        """Log the fault, but not for every request of a client that has found a way to cause it."""
         self._faults += 1
         if str(self._faults).strip("0") == "1":
-            _log.error("page-fault", said=text[:LAST_WORDS], count=self._faults)
+            _log.error("page-fault", words=text[:LAST_WORDS], count=self._faults)
 
     async def _obey(self, order: Order) -> Words:
         """Return why an order was refused; empty where it is done."""
@@ -337,7 +347,7 @@ class _Visit:
 
 
 async def _ended(child: asyncio.subprocess.Process) -> None:
-    """End the process: it goes by itself once its pipe is closed, and is killed where it does not."""
+    """End the process: it ends by itself once its pipe is closed, and is killed otherwise."""
     try:
         async with asyncio.timeout(GRACE_S):
             await child.wait()

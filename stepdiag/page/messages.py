@@ -1,7 +1,8 @@
-"""What the recording process and the page's process say to each other: two pipes, one each way, each message with its length before it.
+"""Messages between the recording process and the page's process: a pipe each way, each message with
+its length before it.
 
-The page shows what it hears and asks for very little: a picture, the figures, or one of the orders that a person may give. Nothing else
-that happens in the page's process can reach the recording.
+The page shows the data received and asks for very little: a picture, the figures, or an order from
+the list. No other event of the page's process can reach the recording.
 """
 
 from pathlib import Path
@@ -22,10 +23,12 @@ LONGEST_MESSAGE = 16_000_000
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """How the page is served; the first message, so that no secret stands on a command line or in an environment."""
+    """Settings of the page; the first message, so that no secret stands on a command line or in an
+    environment.
+    """
 
     folder: str
-    """What may be read of the disk besides the program itself."""
+    """Folder that the page may read besides the program itself."""
     token: str = ""
     names: tuple[str, ...] = ()
     certificate: str = ""
@@ -62,7 +65,7 @@ class Watch(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """What a person with the token asks, from the address of whose browser."""
+    """An order of a user with the token, and the address of the browser."""
 
     number: int
     name: CommandName

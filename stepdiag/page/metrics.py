@@ -55,7 +55,9 @@ def _counted(now: Figures) -> Iterator[Metric]:
 
 
 def _labelled(name: str, text: str, label: str, known: Iterable[str], counted: Mapping[str, int]) -> Metric:
-    """Return a counter with every label that there is, at 0 from the start: a series that begins at 1 has no increase in Prometheus."""
+    """Return a counter with every known label, at 0 from the start: a series that begins at 1 has
+    no increase in Prometheus.
+    """
     family = CounterMetricFamily(f"stepdiag_{name}", text, labels=[label])
     for value, count in sorted((dict.fromkeys(known, 0) | dict(counted)).items()):
         family.add_metric([value], count)

@@ -1,10 +1,10 @@
-"""The page's process: serves page and metrics on addresses it was handed, with the fewest rights.
+"""The page's process: serves page and metrics on given addresses, with the fewest rights.
 
     python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none; started by `stepdiag.page.keeper`
     stepdiag page FILE                               started by systemd, which hands over the sockets (sd_listen_fds(3))
 
-One socket brings what the daemon tells and takes what is asked of it (`stepdiag.page.messages`): standard input and output, or one of the
-file system, where the unit has an account of its own.
+A single socket brings the daemon's data and takes its orders (`stepdiag.page.messages`): standard
+input and output, or a socket of the file system, if the unit has an account of its own.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ SOCKET = "STEPDIAG_PAGE_SOCKET"
 FIRST_HANDED = 3
 PATIENCE_S, AGAIN_S = 10.0, 0.2
 GRACE_S = 1
-"""How long open downloads may go on once the daemon ends."""
+"""Time in s for which open downloads may go on after the end of the daemon."""
 
 
 class _Server(uvicorn.Server):

@@ -1,4 +1,4 @@
-"""The daemon as the page's process knows it: pictures that come over one pipe, requests that go over the other."""
+"""The daemon's image in the page's process: pictures over a pipe, requests over another."""
 
 import asyncio
 import itertools
@@ -31,7 +31,7 @@ from stepdiag.page.messages import (
 )
 
 ANSWER_S = 3.0
-"""How long the daemon may take to answer."""
+"""Longest time for an answer of the daemon in s."""
 FRESH_S = 0.5
 """A picture older than this is not the present state."""
 
@@ -59,7 +59,7 @@ class RemoteDaemon:
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_MESSAGE:
-                    raise ConnectionError(f"a message of {length} bytes")
+                    raise ConnectionError(message("message-of-bytes", count=length))
                 await self._take(incoming_decoder.decode(await reader.readexactly(length)))
         except asyncio.IncompleteReadError:
             return
@@ -79,7 +79,7 @@ class RemoteDaemon:
         self._ask(Guesses(address=address, count=count))
 
     def say_fault(self, why: object) -> None:
-        """Say that something went wrong here that should not have: where, and what."""
+        """Report a fault of this program: its place and its reason."""
         place = traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
         with suppress(DeviceError):
             self._ask(Fault(text=f"{why!r} in {place}"[:1000]))
@@ -100,7 +100,9 @@ class RemoteDaemon:
         return self._picture
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
-        """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
+        """Have an order done; return the reason of a refusal, empty after success. Raises
+        DeviceError for a silent daemon.
+        """
         number = next(self._numbers)
         answer = await self._answer(number, Order(number=number, name=name, arguments=arguments, address=address))
         assert isinstance(answer, Answer)
@@ -126,7 +128,9 @@ class RemoteDaemon:
             del self._awaited[number]
 
     def _ask(self, request: Request) -> None:
-        """Send a request. A daemon that takes no more will not answer either, so nothing waits for it here."""
+        """Send a request. A daemon that takes no more will not answer either, so nothing waits for
+        an answer here.
+        """
         try:
             os.write(self._asks.fileno(), framed(request))
         except (BlockingIOError, BrokenPipeError) as why:

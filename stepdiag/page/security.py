@@ -1,4 +1,4 @@
-"""What a browser may do with the page, and who may command."""
+"""Rights of a browser on the page, and rights to command."""
 
 import asyncio
 import hmac
@@ -37,19 +37,23 @@ SEND_S = 20.0
 COOKIE = "stepdiag-files"
 MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
-"""Whose failures are remembered; the oldest go first."""
+"""Addresses whose failures are counted; the oldest go first."""
 GUESSES = 10
-"""So many wrong tokens from one address are shown to the people at the machine, and again each time they are ten times as many."""
+"""Number of wrong tokens from an address after which they are shown at the machine, and again
+whenever they are ten times as many.
+"""
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
 """A wrong token is answered late, and later each time."""
 
 
 class Guard:
-    """Refuses who was sent here by another site, adds the policies to every answer, and lets go who does not fetch it.
+    """Refuses requests sent by another site, adds the policies to every answer, and drops clients
+    that do not fetch it.
 
-    A site that has its name point to this computer (DNS rebinding) comes with its own name in ``Host``: that must be a loopback name, the
-    address that was called, or one of ``names``. A POST must say by its ``Origin`` that it comes from the page itself: browsers do so by
-    themselves, and whoever has no browser writes the line.
+    A site whose name points to this computer (DNS rebinding) comes with its own name in ``Host``:
+    the name must be a loopback name, the called address, or one of ``names``. A POST must prove by
+    its ``Origin`` that the page itself sent it: browsers send this line by themselves, and other
+    clients write it.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -123,7 +127,9 @@ class Guesses:
 
 
 class Access:
-    """Who has the token. Reading files is also allowed to a browser that has shown it before, by a cookie that is not the token."""
+    """Holders of the token. Reading files is also allowed to a browser that has shown the token
+    before, by a cookie that is not the token.
+    """
 
     def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
         self._token = token
@@ -171,5 +177,5 @@ def address_of(request: HTTPConnection) -> str:
 
 
 def refused(status: int, why: Words) -> Response:
-    """Return a refusal in words: ``error`` for a program, ``said`` for a person, in every language."""
-    return JSONResponse({"error": str(why), "said": in_every_language(why)}, status_code=status)
+    """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every language."""
+    return JSONResponse({"error": str(why), "words": in_every_language(why)}, status_code=status)

@@ -1,6 +1,8 @@
-"""How the page of a survey is served, and its secrets: the token and the key of its certificate, which stand in no survey file and no log.
+"""Settings of a survey's page, and its secrets: the token and the key of its certificate, which
+stand in no survey file and no log.
 
-A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey file that nobody but its owner may read.
+A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey
+file that only its owner may read.
 """
 
 import ipaddress
@@ -21,12 +23,13 @@ TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
 SHORTEST_TOKEN = 16
 """Characters: fewer can be guessed."""
 LONGEST_TOKEN_BYTES = 1000
+"""A larger file is no token or password."""
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
-    """Return how the page is served, and make the folder it shows.
+    """Return the settings of the page, and make the folder it shows.
 
-    Raises UsageError for a secret that others may read, a short token, a certificate that is none.
+    Raises UsageError for a secret that others may read, a short token, an invalid certificate.
     """
     page = survey.page
     token = secret_file(survey_file, TOKEN, page.token_file, "page.token_file")
@@ -74,7 +77,9 @@ def _credential(name: str) -> Path | None:
 
 
 def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
-    """Return the file of a secret. Raises UsageError where it is not there, or where others may read it."""
+    """Return the file of a secret. Raises UsageError if the file is missing, or others may read
+    it.
+    """
     path = _file(survey_file, credential, named)
     if path is None or path == _credential(credential):
         return path

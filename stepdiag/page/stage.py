@@ -1,4 +1,4 @@
-"""Which stage the work is at, and the one sentence that matters now: set up, align, drive, trouble, done.
+"""The stage of the work, and its most important sentence now: set up, align, drive, trouble, done.
 
 A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list holds sentences of its own. The browser puts
 them into the words of the language chosen there.
@@ -26,9 +26,10 @@ class Say:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """What the big card says. ``alarm`` turns the whole page into an alarm.
+    """The contents of the big card. ``alarm`` turns the whole page into an alarm.
 
-    ``watching`` stands in place of the advice for a viewer who cannot give orders; None where the advice asks for none.
+    ``watching`` replaces the advice for a viewer without the right to give orders; None if the
+    advice needs no order.
     """
 
     stage: Stage
@@ -108,7 +109,9 @@ def _quiet(now: Snapshot) -> Headline:
 
 
 def _underway(now: Snapshot) -> Headline:
-    """Return what is driven, and what the setup that stands still owes of an earlier pass: a person acts on it before taking it down."""
+    """Return the driven pass, and the passes that the standing setup still lacks: the operator
+    needs both before taking the setup down.
+    """
     owed = next((drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None)
     if owed is None:
         return Headline(stage="drive", lead=_driving(now), advice=_way(now))

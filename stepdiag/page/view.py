@@ -32,10 +32,10 @@ SLOW_FIELDS = (
     "result_ready",
     "to_drive",
 )
-"""What changes with a stop or a setup; all the rest goes out with every picture."""
+"""Parts that change with a stop or a setup; all the rest goes out with every picture."""
 SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
-"""What the browser gets in another form than the daemon's."""
+"""Parts that the browser gets in another form than the daemon's."""
 FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED)
 
 
@@ -106,4 +106,4 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})
     about = {"state": last.state, "places": places, "word": last.word}
-    return {"code": last.code, "severity": severity, "times": len(members), "said": sentence, "advice": todo, **about}
+    return {"code": last.code, "severity": severity, "times": len(members), "sentence": sentence, "advice": todo, **about}

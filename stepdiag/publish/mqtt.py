@@ -186,7 +186,7 @@ class _Client(aiomqtt.Client):
 
     def _received(self, size: int) -> bytes:
         if size > LONGEST_PACKET or self.heard > MOST_HEARD:
-            raise ConnectionError("more than a broker has to say")
+            raise ConnectionError(message("broker-sends-too-much"))
         data: bytes = self._receive(size)
         self.heard += len(data)
         return data

@@ -30,12 +30,13 @@ DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instr
 """Entries that a customer expects: "not stated" where nobody states them."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGEST_LOGO_BYTES = 500_000
+"""Bytes of a logo: it stands in the report as text, a third longer."""
 Gain = Literal["better", "same", "worse", "unsure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Letterhead:
-    """Who hands the report over: ``logo`` is a picture as a data address, empty without one."""
+    """The issuer of the report: ``logo`` is a picture as a data address, empty without one."""
 
     company: str = ""
     address: tuple[str, ...] = ()
@@ -185,7 +186,9 @@ def interval_words(found: Interval | None) -> str:
 
 
 def bound_words(found: Interval | None) -> str:
-    """Return what a largest vector is at most, as the conclusion says it: how small it may be is no promise."""
+    """Return the upper bound of a largest vector in words, as in the conclusion: its lower bound is
+    no promise.
+    """
     high = "" if found is None else found.shown()[1]
     return f"≤ {high}" if high else interval_words(found)
 
@@ -200,7 +203,9 @@ class AsLeft:
     kept: bool | None
     """Whether the measured rms lies within what was predicted, both with their U; None where one of them has none."""
     gain: Gain = "unsure"
-    """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
+    """Change of the machine: an interval wholly below or above the interval as found is better or
+    worse, an overlapping interval neither.
+    """
     squareness: Mapping[str, Quantity] = field(default_factory=dict)
     judged: tuple[Judged, ...] = ()
 
@@ -227,7 +232,9 @@ def as_left(source: str, again: Conclusion, found: Reach | None, after: Result |
 
 
 def _beside(one: Interval, other: Interval) -> int | None:
-    """Return -1 or 1 where one interval lies wholly below or above another, 0 where they meet, None where one has no ends."""
+    """Return -1 or 1 if an interval lies wholly below or above another, 0 for an overlap, None
+    without ends.
+    """
     if one.low_um is None or one.high_um is None or other.low_um is None or other.high_um is None:
         return None
     return int(one.low_um > other.high_um) - int(one.high_um < other.low_um)

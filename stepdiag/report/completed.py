@@ -1,4 +1,4 @@
-"""What stands beside the logs of a survey once it is complete: its conclusion, and the report that begins with it."""
+"""Conclusion and report of a complete survey, in files beside its logs."""
 
 from pathlib import Path
 

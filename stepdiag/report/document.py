@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no network, no other file, no clock."""
+"""The report as one self-contained HTML file: no network, no other file, no clock."""
 
 import base64
 import hashlib
@@ -11,7 +11,7 @@ import jinja2
 
 from stepdiag.base.conformity import together
 from stepdiag.base.readings.readings import Readings
-from stepdiag.base.result.members import StandardFigures
+from stepdiag.base.result.members import VOLUME, StandardFigures
 from stepdiag.base.result.result import Result
 from stepdiag.conclusion import STATES, Conclusion, Sentence, conclude, conclusion_document, render, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
@@ -31,7 +31,7 @@ from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
-"""What a person reads: the text right behind these tags."""
+"""The texts for the reader: right behind these tags."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,11 +55,13 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     sha256: str = "",
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it, ``laboratory`` is who hands it over: the number of the
-    certificate on every page, and who signs. ``sha256`` is that of the result's file, by default of the result as it is written today.
+    """Return the report of a result; ``source`` names the result file in it, ``laboratory`` is its
+    issuer: the number of the certificate on every page, and the signatory. ``sha256`` is the hash
+    of the result's file, by default of the result as written today.
 
-    With the readings it also shows what was measured. The prediction is drawn for the first export
-    whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
+    With the readings the report also shows the measured values. The prediction is drawn for the
+    first export whose tables are known. Same input, same bytes: no part depends on the clock, the
+    computer or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
     known = conclusion or conclude(result, [one.concluded for one in exported if one.concluded is not None])
@@ -137,7 +139,8 @@ def _standards(result: Result, layout: Layout | None, readings: Readings | None)
 
 
 def page_parts(number: str = "") -> dict[str, str]:
-    """Return the document's one style sheet and one script, and the hashes by which its own policy admits them.
+    """Return the document's one style sheet and one script, and their hashes in the document's own
+    policy.
 
     ``number`` of the certificate stands at the head of every printed page.
     """
@@ -154,7 +157,7 @@ def _css_text(text: str) -> str:
 def _units(result: Result) -> dict[str, str]:
     functions = {name: function.unit for name, function in result.errors.items()}
     quantities = {name: quantity.unit for name, quantity in result.squareness.items()}
-    return {**functions, **quantities, SCALE_SUM: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
+    return {**functions, **quantities, SCALE_SUM: "um", VOLUME: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
 
 
 def _part(name: str) -> str:
@@ -162,7 +165,7 @@ def _part(name: str) -> str:
 
 
 def _source_hash(text: str) -> str:
-    """Return the hash by which the document's own policy admits its one script and its one style sheet."""
+    """Return the hash by which the document's own policy admits a script or style sheet."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 

@@ -1,4 +1,4 @@
-"""What was written for a control, as the report shows it: files with their hashes, and what their tables do to the tool."""
+"""An export in the report: files with their hashes, and the effect of their tables on the tool."""
 
 import hashlib
 from collections.abc import Sequence
@@ -31,13 +31,15 @@ class ExportedFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """What was written for a control: its files, and what its tables do to the tool (None where nothing in them is a table)."""
+    """An export for a control: its files, and the effect of their tables on the tool (None without
+    tables).
+    """
 
     controller: str
     files: tuple[ExportedFile, ...]
     correction: Correction | None = None
     concluded: Export | None = None
-    """What the conclusion says of it; None where no file is a table."""
+    """The export in the conclusion; None without a table."""
 
 
 def exported_of(written: ExportReport) -> Exported:

@@ -1,4 +1,6 @@
-"""A report from the files that it is made of: for a person, beside a certificate, and again when that is verified."""
+"""A report from its source files: for a reader, beside a certificate, and again for the
+verification of a certificate.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +20,9 @@ from stepdiag.texts.texts import Language
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFiles:
-    """What a report is made of: ``result`` and ``left`` are files of results, ``files`` are files or folders of exports."""
+    """The sources of a report: ``result`` and ``left`` are files of results, ``files`` are files or
+    folders of exports.
+    """
 
     result: Path
     files: Sequence[Path] = ()
@@ -31,9 +35,11 @@ class ReportFiles:
 
 
 def report_from(of: ReportFiles) -> Report:
-    """Return the report of a result with all that belongs to it; the same files give the same bytes, wherever they stand.
+    """Return the report of a result with all its sources; the same files give the same bytes, in
+    any place.
 
-    Files of one folder are one export. Raises a StepdiagError where a file cannot be read or belongs to another result.
+    Files of a folder are one export. Raises a StepdiagError if a file is unreadable or belongs to
+    another result.
     """
     found = _result(of.result)
     exported = [exported_in(found, each, of.profile) for each in _exports(of.files)]

@@ -1,4 +1,6 @@
-"""What a result does not hold: laboratory, customer, item, persons and equipment, from a settings file. What is missing is "not stated"."""
+"""The facts outside a result: laboratory, customer, item, persons and equipment, from a settings
+file. A missing fact is "not stated".
+"""
 
 import hashlib
 from datetime import date
@@ -87,7 +89,9 @@ class Laboratory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):
-    """The file with the hashes of the files that it names, by name; ``name`` and ``sha256`` are its own, empty without a file."""
+    """The file with the hashes of the files named in it, by name; ``name`` and ``sha256`` are its
+    own, empty without a file.
+    """
 
     file: Laboratory
     name: str = ""
@@ -96,7 +100,9 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_laboratory(path: Path | None) -> Stated:
-    """Return what a settings file states; nothing without one. Raises UsageError for a field that is wrong and a file that is missing."""
+    """Return the statements of a settings file; nothing without a file. Raises UsageError for a
+    wrong field and a missing file.
+    """
     if path is None:
         return Stated(file=Laboratory())
     found = convert(read_toml(read_text(path), path.name), Laboratory, path.name)

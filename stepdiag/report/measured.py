@@ -1,4 +1,4 @@
-"""What was measured, before any model: deviations of every setup."""
+"""The measured deviations of every setup, before any model."""
 
 from collections.abc import Mapping
 
@@ -19,8 +19,9 @@ def layout_of(readings: Readings, result: Result) -> Layout:
 
 
 def setup_figures(layout: Layout, words: Mapping[str, str]) -> list[Figure]:
-    """Return a figure a setup: deviation over the way along the beam, one line a pass; a return pass that starts at zero
-    again is hung onto the outward one."""
+    """Return a figure per setup: deviation over the way along the beam, a line per pass; a return
+    pass with a new zero is joined to the outward pass.
+    """
     return [_setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)]
 
 

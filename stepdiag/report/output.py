@@ -13,6 +13,7 @@ from stepdiag.report.document import Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PRINT_TIMEOUT_S = 120.0
+"""Longest time of the browser for a print in s."""
 
 
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
@@ -77,7 +78,9 @@ def print_pdf(document: Path) -> Path:
 
 
 def _switches(profile: str) -> list[str]:
-    """Return the switches that keep the browser headless and silent on the network; root gets no sandbox because there is none for it."""
+    """Return the switches that keep the browser headless and silent on the network; root gets no
+    sandbox because there is none for root.
+    """
     quiet = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--disable-quic"]
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     return ["--headless", "--disable-gpu", f"--user-data-dir={profile}", "--no-pdf-header-footer", *quiet, *sandbox]

@@ -1,4 +1,6 @@
-"""The tables of the report: what each section says, as rows of plain text that the template escapes."""
+"""The tables of the report: the contents of each section, as rows of plain text that the template
+escapes.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.basis import basis_of
 from stepdiag.base.result.interval import decimals_of, decimals_of_u, with_expanded
-from stepdiag.base.result.members import Drift, Lengths, StandardFigures
+from stepdiag.base.result.members import VOLUME, Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
@@ -38,7 +40,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
-    """A finding as the report shows it: the words of the solver, and what to do about it."""
+    """A finding in the report: the words of the solver, and the remedy."""
 
     severity: str
     severity_word: str
@@ -89,7 +91,7 @@ def conditions_table(result: Result, readings: Readings | None, words: Mapping[s
 
 
 def _from_to(value: object) -> str:
-    """Return a least and a largest value as one range, anything else as it is."""
+    """Return a least and a largest value as a range, anything else unchanged."""
     if isinstance(value, list) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         low, high = (shown(item, 2) for item in value)
         return low if low == high else f"{low} … {high}"
@@ -97,7 +99,7 @@ def _from_to(value: object) -> str:
 
 
 def setups_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return one row a setup: how it was driven, and how mirror, drift and repeatability stood."""
+    """Return a row per setup: its passes, and its mirror, drift and repeatability."""
     setups = dict(list(result.setups.items())[:MOST_ROWS])
     columns = [column for column in SETUP_COLUMNS if any(getattr(facts, column) not in (None, ()) for facts in setups.values())]
     rows = [(name, *(_setup_fact(getattr(facts, column), words) for column in columns)) for name, facts in setups.items()]
@@ -176,10 +178,11 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def positioning_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
-    """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
+    """Return the figures along the axes and along the diagonals, a row per setup, each with its U
+    where known (k = 2).
 
-    ``standards`` is the entry of the result; columns that nothing is known of are left out. Of which lengths a
-    figure is stands in its row only where they differ (`positioning_lengths`).
+    ``standards`` is the entry of the result; columns without a known value are left out. The
+    lengths behind a figure stand in its row only if they differ (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -221,7 +224,9 @@ VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max"
 
 
 def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
-    """Return the figures of VDI/DGQ 3441 of the runs that have them, one row a run; None where none has."""
+    """Return the figures of VDI/DGQ 3441 of the runs that have them, a row per run; None without
+    such runs.
+    """
     rows = []
     for name, found in list(standards.items())[:MOST_ROWS]:
         facts = next((one for one in found if one.standard.startswith("VDI")), None)
@@ -249,7 +254,9 @@ HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um",
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the straightness that the 4-DOF head measured, one row a function, where the result says it (``head_straightness``)."""
+    """Return the straightness that the 4-DOF head measured, a row per function, if the result has
+    it (``head_straightness``).
+    """
     measured = result.head_straightness or {}
     rows = [(name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
     return Table(header=(words["name"], *(_readable(figure, words) for figure in HEAD_FIGURES)), rows=rows) if rows else None
@@ -265,7 +272,9 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
-    """Return chi-square beside its degrees of freedom and what it is for a model that holds; empty where the result does not state both."""
+    """Return chi-square beside its degrees of freedom and its expected value for a valid model;
+    empty if the result lacks either.
+    """
     fit = result.fit
     if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
         return ""
@@ -298,15 +307,16 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 
 
 def history_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return what happened while recording, where the result says it (``history``): it is past and hinders nothing."""
+    """Return the past events of the recording, if the result has them (``history``)."""
     rows = [(one.code, rendered(one.words, language)) for one in (result.history or ())[:MOST_ROWS]]
     return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
 
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the files that the result was solved from, each with the SHA-256 of what it says; None for a result that names none.
+    """Return the files that the result was solved from, each with the SHA-256 of its contents; None
+    for a result that names none.
 
-    A log that was packed since is the same log, and the report stays the same.
+    A log packed since is the same log, and the report stays the same.
     """
     rows = [(one.name, one.sha256) for one in result.sources or ()]
     return Table(header=(words["file"], "SHA-256"), rows=rows) if rows else None
@@ -320,7 +330,7 @@ def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def _size(um: float | None) -> str:
-    """Return a size with the digits that the conclusion gives it."""
+    """Return a size with the digits of the conclusion."""
     return shown(um, None if um is None else decimals_of(um))
 
 
@@ -343,8 +353,8 @@ def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, s
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
     """Return a quantity of the budget in words: a function, what is left of it, a scale, a squareness."""
-    if quantity == SCALE_SUM:
-        return words["scale_sum"]
+    if quantity in (SCALE_SUM, VOLUME):
+        return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
     kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
     return words.get(f"quantity_{kind}", quantity).format(name=name)
 
@@ -355,7 +365,9 @@ def source_words(source: str, words: Mapping[str, str]) -> str:
 
 
 def assumptions_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return what each source of the budget assumes, where the result says it (``budget.assumptions``)."""
+    """Return the assumptions of each source of the budget, if the result has them
+    (``budget.assumptions``).
+    """
     known = {} if result.budget is None else result.budget.assumptions
     rows = [(source_words(source, words), rendered(text, language)) for source, text in list(known.items())[:MOST_ROWS]]
     return Table(header=(), rows=rows) if rows else None

@@ -1,4 +1,4 @@
-"""How things look on a terminal: tables, progress, safe text, exit codes.
+"""Output on a terminal: tables, progress, safe text, exit codes.
 
-In: values. Out: lines. Imported by the rooms that print, and by `cli`.
+In: values. Out: lines. Imported by the printing rooms and by `cli`.
 """

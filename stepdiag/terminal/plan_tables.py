@@ -10,10 +10,20 @@ from stepdiag.base.messages import Message, Words, joined, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.base.setups import setup_of
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
+FEW = 7
+"""So many lines fit by name into two lines of a terminal."""
+KINDS = {
+    "step": message("kind-step"),
+    "body": message("kind-body"),
+    "face": message("kind-face"),
+    "linear": message("kind-linear"),
+    "fourdof": message("kind-fourdof"),
+}
 _ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solved")}
 
 
@@ -64,11 +74,11 @@ def _resolved(forecast: Forecast) -> Message:
     return message("resolves-some", count=len(forecast.resolved), of=len((*DISPLACEMENTS, *ROTATIONS)))
 
 
-def front_table(advice: Advice) -> Table:
-    """Return one row a survey that is worth its time: minutes, what it leaves, what is bought; below it what the control and a head set."""
+def front_table(advice: Advice, *, verbose: bool) -> Table:
+    """Return one row a survey that is worth its time, its lines by name where ``verbose``; below it the limits of control and head."""
     table = empty_table(message("table-front"))
     for each in advice.front:
-        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), shown(lines_in_words(each.plan)))
+        table.add_row(f"{each.minutes:.0f}", each.left_um.best(), shown(lines_in_words(each.plan, by_name=verbose)))
     table.caption = shown(joined([*_floor(advice), *_head(advice)]))
     return table
 
@@ -85,9 +95,9 @@ def _head(advice: Advice) -> Iterator[Message]:
         yield message("head-leaves", before=left, after=more.left_um.best(), minutes=minutes)
 
 
-def lines_in_words(plan: Plan) -> Message:
-    """Return what a plan drives: its setups with their shifts, and how."""
-    lines = ", ".join(_line(run) for run in plan.runs)
+def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
+    """Return what a plan drives: its setups with their shifts, or how many of each kind where there are many, and how."""
+    lines = [_line(run) for run in plan.runs] if by_name or len(plan.runs) <= FEW else _kinds(plan)
     orders = next((run.axis_orders for run in plan.runs if run.axis_orders), ())
     first = plan.runs[0]
     ways = message("out-and-back" if first.return_pass else "one-way")
@@ -96,8 +106,21 @@ def lines_in_words(plan: Plan) -> Message:
         "lines-driven",
         lines=lines,
         increments=plan.volume.increments,
+        dwell_s=plan.pace.dwell_s,
         times=message("in-orders", times=times, names=orders) if orders else times,
     )
+
+
+def _kinds(plan: Plan) -> list[Words]:
+    """Return how many lines of each kind a plan drives, those with a shifted laser counted beside."""
+    counted: list[Words] = []
+    for kind, word in KINDS.items():
+        runs = [run for run in plan.runs if setup_of(run.setup).kind == kind]
+        if runs:
+            shifted = sum(any(run.beam_offset_mm) for run in runs)
+            of = message("lines-of-kind", count=len(runs), kind=word)
+            counted.append(message("of-them-shifted", of=of, shifted=shifted) if shifted else of)
+    return counted
 
 
 def _line(run: Run) -> str:

@@ -1,4 +1,4 @@
-"""What a terminal can show: texts from foreign files, and the micrometre sign."""
+"""Text that a terminal can show: texts from foreign files, and the micrometre sign."""
 
 import codecs
 import sys

@@ -12,7 +12,7 @@ Item = TypeVar("Item")
 
 @contextmanager
 def working(doing: Message) -> Iterator[None]:
-    """Show what is being done, and that it goes on, until the block ends."""
+    """Show the work and its progress until the block ends."""
     from rich.console import Console
 
     with Console(stderr=True).status(shown(doing)):

@@ -1,7 +1,6 @@
 """Results, effects of compensation files and findings as tables that a person reads in a terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -15,7 +14,7 @@ from stepdiag.base.result.interval import decimals_of_u
 from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.terminal.printable import printable
-from stepdiag.terminal.viewer import empty_table, shown
+from stepdiag.terminal.viewer import empty_table, print_lines, shown
 from stepdiag.texts.texts import UNITS
 
 MARKS: dict[Severity, Message] = {"error": message("mark-error"), "warning": message("mark-warning"), "info": message("mark-note")}
@@ -23,8 +22,8 @@ MARKS: dict[Severity, Message] = {"error": message("mark-error"), "warning": mes
 _PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
 
 
-def result_table(result: Result, out: Path | None) -> None:
-    """Print a result: error functions, squareness, scales, mirror tilts, findings; ``out`` is where it was written, None if nowhere."""
+def print_tables(result: Result) -> None:
+    """Print a result: error functions, squareness, scales and mirror tilts."""
     console = Console()
     volume = result.volume
     low, size = (" x ".join(f"{value:g}" for value in values) for values in (volume.origin_mm, volume.size_mm))
@@ -34,10 +33,14 @@ def result_table(result: Result, out: Path | None) -> None:
     console.print(quantity_table(result))
     if any(facts.tilt_mrad is not None for facts in result.setups.values()):
         console.print(setup_table(result))
-    for line in finding_lines(result.findings):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    if out is not None:
-        console.print(shown(message("written-to", path=str(out))), markup=False, highlight=False, soft_wrap=True)
+
+
+def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
+    """Print findings, the severest first; without ``verbose`` the notes as their number."""
+    notes = 0 if verbose else sum(each.severity == "info" for each in findings)
+    print_lines(finding_lines([each for each in findings if verbose or each.severity != "info"]))
+    if notes:
+        print_lines([shown(message("notes-beside", count=notes))])
 
 
 def function_table(result: Result) -> Table:

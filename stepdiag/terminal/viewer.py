@@ -1,6 +1,8 @@
 """The language of who reads a terminal, and what is shown there in it."""
 
 import os
+import textwrap
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from stepdiag.base.errors import UsageError
@@ -31,6 +33,17 @@ def print_words(words: Words, *, err: bool = False) -> None:
     import typer
 
     typer.echo(shown(words), err=err)
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines of text: wrapped at words on a terminal, under their own indent; whole where a file or a program reads them."""
+    from rich.console import Console
+
+    console = Console(markup=False, highlight=False)
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()) + 2)
+        width = console.width if console.is_terminal else max(len(line), 1)
+        console.print(textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False), soft_wrap=True)
 
 
 def shown(words: Words) -> str:

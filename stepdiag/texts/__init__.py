@@ -1,4 +1,4 @@
-"""What people read, in every language: the sentences of messages, the words of page and report.
+"""The texts for people, in every language: the sentences of messages, the words of page and report.
 
 In: a key, a code. Out: patterns and sentences. Imported by every floor; imports none.
 """

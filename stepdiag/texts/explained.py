@@ -1,4 +1,6 @@
-"""What every finding means: its cause, its cost and what to do, in every language, from ``findings.toml``."""
+"""The meaning of every finding: its cause, its cost and its remedy, in every language, from
+``findings.toml``.
+"""
 
 import tomllib
 from collections.abc import Container
@@ -10,10 +12,10 @@ from typing import Any, Literal
 from stepdiag.texts.texts import LANGUAGES, Language
 
 Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
-"""What a person does about a finding."""
+"""The operator's action for a finding."""
 Severity = Literal["info", "warning", "error"]
 GROUPS = ("recording", "result", "head", "export", "remark")
-"""Where findings arise; those of the last two are of an export."""
+"""Sources of findings; the last two belong to an export."""
 _OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
 
 
@@ -28,7 +30,9 @@ class Words:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explanation:
-    """A code: where it arises (one of `GROUPS`), what a person does, and its words in every language."""
+    """A code: its source (one of `GROUPS`), the operator's action, and its words in every
+    language.
+    """
 
     group: str
     action: Action
@@ -60,18 +64,22 @@ def keys_of(old: str) -> tuple[str, ...]:
 
 
 def accepted(code: str, key: str, accept: Container[str]) -> bool:
-    """Return whether a finding is among those accepted: by its code, by its key, or by the name that it had in an older version."""
+    """Return whether a finding is accepted: by its code, by its key, or by its name in an older
+    version.
+    """
     former = (old for old, keys in _tables()["renamed"].items() if key in keys)
     return any(name in accept for name in (code, key, *former))
 
 
 def explained(code: str) -> Explanation | None:
-    """Return the explanation of a code, also of one that has another name now; None for a code that is not documented."""
+    """Return the explanation of a code, also of an old code with another name now; None for an
+    undocumented code.
+    """
     return explanations().get(keys_of(code)[0].partition(".")[0])
 
 
 def finding_advice(code: str, language: Language) -> str:
-    """Return what a finding means, what it costs and what to do; empty for a code that is not documented."""
+    """Return the meaning of a finding, its cost and its remedy; empty for an undocumented code."""
     entry = explained(code)
     words = None if entry is None else entry.words[language]
     return "" if words is None else f"{words.cause} {words.cost} {words.do}"

@@ -1,4 +1,6 @@
-"""Every word that the page and the report show, in English and German, from one catalogue; findings stand in `texts.explained`."""
+"""The words of the page and the report, in English and German, from a single catalogue; findings
+stand in `texts.explained`.
+"""
 
 import re
 import tomllib
@@ -25,7 +27,7 @@ def _entries() -> dict[str, dict[str, dict[str, str]]]:
 
 
 def catalogue(section: str, language: Language) -> dict[str, str]:
-    """Return key -> words of one section (one of `SECTIONS`)."""
+    """Return key -> words of a section of `SECTIONS`."""
     return {key: words[language] for key, words in _entries()[section].items()}
 
 

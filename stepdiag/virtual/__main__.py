@@ -1,8 +1,9 @@
 """``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of its own.
 
-It prints one JSON line when it is ready, with the addresses of its devices, and one for every event of the program. Commands come
-line by line on standard input: ``start`` begins the next setup, ``start npp`` drives one of the program again, ``fault {...}`` injects
-a fault given as JSON, ``quit`` ends it; SIGTERM and SIGINT end it too.
+It prints a JSON line when it is ready, with the addresses of its devices, and a line for every
+event of the program. Commands come line by line on standard input: ``start`` begins the next setup,
+``start npp`` drives a setup of the program again, ``fault {...}`` injects a fault given as JSON,
+``quit`` ends the bench; SIGTERM and SIGINT end the bench too.
 """
 
 import argparse

@@ -129,7 +129,7 @@ def test_the_readme_begins_with_what_was_met_and_says_it_of_every_row() -> None:
     assert "No real machine and no real laser" in top
     assert "LinuxCNC" in top
     assert "Rotary axes are not measured" in top
-    tables = readme.partition("## What it works with")[2].partition("\n## ")[0]
+    tables = readme.partition("## Instruments and controls")[2].partition("\n## ")[0]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in tables.splitlines() if line.startswith("| ")]
     heads, rest = [row for row in rows if row[-1] == "met so far"], [row for row in rows if row[-1] != "met so far"]
     assert len(heads) == 2

@@ -45,6 +45,23 @@ def unlock(page: Page) -> None:
     expect(page.locator("#orders")).to_be_visible()
 
 
+def test_a_changed_survey_file_is_shown_and_applied(page: Page, daemon: Served) -> None:
+    """The lines that differ stand on the page for everybody; a person with the token applies them, but not while a pass runs."""
+    daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, corrects=("laser.sign: 1 -> -1",)))
+    expect(page.locator("#correction")).to_contain_text("The survey file was changed: laser.sign: 1 -> -1.")
+    unlock(page)
+    daemon.do(lambda: daemon.survey.publish(recording=True))
+    expect(page.locator("#correct")).to_be_hidden()
+    daemon.do(lambda: daemon.survey.publish(recording=False, operator="A. Machinist"))
+    expect(page.locator("#operator")).to_have_value("A. Machinist")
+    page.locator("#correct").click()
+    expect(page.locator("#answer")).to_have_text("Done.")
+    assert daemon.do(lambda: list(daemon.survey.ordered)) == [("correct", {"name": "A. Machinist"})]
+    daemon.do(lambda: daemon.survey.publish(corrects=()))
+    expect(page.locator("#correct")).to_be_hidden()
+    expect(page.locator("#correction")).to_be_empty()
+
+
 def test_a_further_setup_is_offered_between_two_passes_and_taken(page: Page, daemon: Served) -> None:
     """What it brings stands in the card, in the viewer's language; a person with the token may take it, but none while a pass runs."""
     line = message("ahead-shifted", setup="ppp", offset=[message("ahead-offset", size_mm=150.0, axis="z")])

@@ -4,7 +4,7 @@
     python tools/mutants --count 400 --seed 10  a sample, spread over the files by their share; the same for the same seed
     ... --keep                               the map of who reaches what and what was killed stay; the survivors are asked again
 
-Everything stands in .mutants/: reach-FLOOR-ROOM.json of the tests, results.jsonl. docs/testing.md has a reason
+Everything stands in .mutants/: reach-FLOOR-ROOM.json of the tests, results.jsonl. survivors.md has a reason
 for each survivor that stays. Exits 1 where less than 92 % is killed.
 """
 

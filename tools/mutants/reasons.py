@@ -1,8 +1,8 @@
-"""The survivors that docs/testing.md has a reason for."""
+"""The survivors that survivors.md has a reason for."""
 
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parent.parent.parent / "docs/testing.md"
+PAGE = Path(__file__).resolve().parent / "survivors.md"
 
 
 def known() -> set[tuple[str, str, str]]:

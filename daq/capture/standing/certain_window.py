@@ -1,17 +1,20 @@
-"""The certain part of a dwell: cut where the count was lost, without what is not yet steady, judged against itself."""
+"""The certain part of a dwell: cut where the count was lost, without what is not yet steady; and from which side the machine came to it.
+
+Who turns round at a stop comes to it once. What it reads there holds for both passes, with the backlash of the way there; and on the way
+back every axis keeps the side of the way there until it moves.
+"""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from stepdiag.base.messages import Message, message
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
-from stepdiag.daq.capture.standing.steadiness import against_itself
-from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Window, summarise
+from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Placing, Window, against_itself, summarise
 from stepdiag.daq.survey.models import StopRules
-from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Break, Span
+from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 MIN_SAMPLES = 3
 """Fewer say nothing of their own scatter. A polled display gives no more in a short dwell."""
@@ -20,18 +23,6 @@ AWAY_MM = 0.2
 """Who is further away is on the way: no machine swings so far, and no drive overshoots by it."""
 AWAY_SHARE = 0.25
 """Of a step that is shorter, so much; of one of which that is less than `STILL_MM` nothing is reported."""
-
-
-class Placing(Protocol):
-    """The stream that places a stop: the laser's, or `daq.capture.head_stop.QdView` in a run of the 4-DOF head."""
-
-    @property
-    def breaks(self) -> list[Break]: ...
-    @property
-    def resolution_um(self) -> float: ...
-
-    def newest_ns(self) -> float: ...
-    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,3 +155,28 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     if not len(away) or any(span.time_ns[away[-1]] <= each.time_ns <= taken.to_ns for each in stream.breaks):
         return None
     return bool(in_a_row[away[-1]] < 0.0)
+
+
+CLOSE_NS = 30_000_000
+"""Samples further apart may miss an overrun: 2 mm and back take a quick machine a tenth of a second."""
+
+
+def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
+    """Tell whether nothing of a move can have escaped the laser since the last stop of a pass was taken, as far as it is in this log."""
+    times_ns = laser.span(last.window_to_ns, until_ns).time_ns
+    return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
+
+
+def last_beyond_ns(laser: StreamBuffer, last: CapturedStop, towards: float, until_ns: float) -> float | None:
+    """Return when the machine was last seen beyond the last stop of a pass since it was taken; None where it was not.
+
+    ``towards`` has the sign of the reading's change on the way to that stop.
+    """
+    if last.reading_mm is None:
+        return None
+    span = laser.span(last.window_to_ns, until_ns)
+    off_mm = (span.position_mm - last.reading_mm) * np.sign(towards)
+    if len(off_mm) < IN_A_ROW:
+        return None
+    beyond = np.flatnonzero(np.convolve(off_mm > STILL_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW)
+    return float(span.time_ns[beyond[-1] + IN_A_ROW - 1]) if len(beyond) else None

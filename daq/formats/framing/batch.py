@@ -31,7 +31,9 @@ class Batch:
         beam: NDArray[np.float64] | None = None,
         channels: NDArray[np.float64] | None = None,
     ) -> None:
-        """Append samples, one row each; a beam not given is unknown (NaN). Either all parts have channels or none."""
+        """Append samples, one row each; a missing beam is unknown (NaN). Either all parts have
+        channels or none.
+        """
         self._parts.append((counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags))
         if channels is not None:
             self._channels.append(channels)
@@ -53,7 +55,9 @@ class Batch:
             np.bitwise_or(flags, np.uint16(flag), out=flags)
 
     def samples(self, arrival_ns: int | NDArray[np.int64]) -> Samples:
-        """Return everything that was added, stamped with ``arrival_ns``: one time, or one a row."""
+        """Return all samples added, stamped with ``arrival_ns``: a single time, or a time per
+        row.
+        """
         if not self._parts and not self.notices:
             return NOTHING
         counter, position_mm, beam, flags = self._joined()
@@ -97,4 +101,4 @@ def _unknown(rows: int) -> NDArray[np.float64]:
 _NO_ROWS: Columns = (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty(0, dtype=np.uint16))
 
 NOTHING = Samples(counter=_NO_ROWS[0], position_mm=_NO_ROWS[1], beam=_NO_ROWS[2], flags=_NO_ROWS[3], arrival_ns=_NO_ROWS[0])
-"""What a chunk gives that completes no sample."""
+"""The result of a chunk that completes no sample."""

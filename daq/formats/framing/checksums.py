@@ -18,7 +18,7 @@ class Crc:
 
 @dataclass(frozen=True, slots=True)
 class Checksum:
-    """How many bytes it has, and its value over bytes."""
+    """Number of bytes of a checksum, and its value over bytes."""
 
     size: int
     of: Callable[[bytes], int]

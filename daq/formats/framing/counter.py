@@ -72,9 +72,10 @@ class CounterTrack:
         return self._raw is not None and not self._repeating and int(raw[0]) == self._raw + 1 and bool((raw[1:] - raw[:-1] == 1).all())
 
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
-        """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one.
+        """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one row.
 
-        ``restarted`` says that the instrument greeted before the first row: it began anew unless the count simply goes on.
+        ``restarted``: the instrument greeted before the first row, so the count began anew unless
+        it simply goes on.
         """
         if self._count is None:
             self._count = int(raw[0]) - 1

@@ -33,8 +33,9 @@ class Junk:
 class FrameBuffer:
     """Holds the half frame at the end of a stream.
 
-    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (shape (size,) bytes -> whether it is whole). After a
-    bad frame the search goes on one byte further, so that a sync inside the values costs no good frame.
+    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (shape (size,) bytes ->
+    whether the frame is whole). After a bad frame the search goes on one byte further, so that a
+    sync inside the values costs no good frame.
     """
 
     def __init__(self, sync: bytes, size: int, valid: Callable[[bytes], bool]) -> None:

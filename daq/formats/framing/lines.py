@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 LINE_CAP = 4096
 """Bytes; no instrument that sends a line a sample comes near."""
 _QUOTED_BYTES = 40
+"""Bytes of a garbage line that are quoted: enough to recognise it, short in a message."""
 
 
 class LineBuffer:
     """Holds the half line at the end of a stream.
 
-    ``cap`` is the longest line in bytes, terminator not counted. A line beyond it is handed out cut off (but still longer
-    than ``cap``, so that its reader refuses it) as soon as it is too long; the rest of it is dropped. Nothing grows without
-    limit on a wrong baud rate.
+    ``cap`` is the longest line in bytes, terminator not counted. A longer line is handed out cut
+    off (still longer than ``cap``, so that its reader refuses it) as soon as it is too long; its
+    rest is dropped. Nothing grows without limit on a wrong baud rate.
     """
 
     def __init__(self, cap: int, terminator: bytes = b"\n") -> None:
@@ -26,7 +27,7 @@ class LineBuffer:
         self._skipping = False
 
     def feed(self, chunk: bytes) -> bytes:
-        """Return the lines that ``chunk`` completes, each with its terminator; empty when there is none."""
+        """Return the lines that ``chunk`` completes, each with its terminator; empty if none."""
         if self._skipping:
             _, found, chunk = chunk.partition(self._terminator)
             if not found:
@@ -74,5 +75,7 @@ def quote(raw: bytes) -> str:
 
 
 def arrivals_of_lines(chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n") -> NDArray[np.int64]:
-    """Return for every line that ends in chunks (bytes, arrival in ns) the arrival of the chunk where it ends, shape (lines,)."""
+    """Return the arrival in ns of the chunk that ends a line, for every line of chunks (bytes,
+    arrival in ns), shape (lines,).
+    """
     return np.repeat(np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64), [chunk.count(terminator) for chunk, _ in chunks])

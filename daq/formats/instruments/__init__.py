@@ -1,5 +1,5 @@
 """One module an instrument or family of instruments: from its bytes to samples.
 
-In: chunks of bytes and the time of their arrival. Out: samples, or requests for those that must be asked. Imported by `formats.registry`
-and by those who read a survey file.
+In: chunks of bytes and the time of their arrival. Out: samples, or requests for polled instruments.
+Imported by `formats.registry` and by the readers of a survey file.
 """

@@ -1,8 +1,9 @@
 """Air and material from a sensor of their own: one text line a measurement, described by its configuration.
 
-Vaisala PTU300 as it comes: it answers `SEND` with pressure, temperature and humidity (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300
-User Manual p. 103), perhaps behind a prompt and its own echo. While it speaks by itself (`RUN`) its lines are the same. **Recalled:** a
-quantity that cannot be measured is shown by asterisks.
+Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
+(``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps behind a prompt and
+its own echo. Its lines are the same while it sends by itself (`RUN`). **Recalled:** a quantity that
+cannot be measured is shown by asterisks.
 """
 
 import math
@@ -20,7 +21,7 @@ from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.timing.samples import Flag, Samples
 
 MEASURED = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
-"""What a line may tell: the names of the pattern's groups, and the order of the channels."""
+"""The quantities of a line: the names of the pattern's groups, and the order of the channels."""
 PTU300 = (
     r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)\s*'C"
     r"\s+RH\s*=\s*(?P<relative_humidity_percent>[-+.0-9*]+)\s*%RH\s*"
@@ -29,14 +30,15 @@ TemperatureUnit = Literal["C", "F", "K"]
 PressureUnit = Literal["hPa", "mbar", "kPa", "Pa", "bar", "mmHg", "inHg"]
 HPA = {"hPa": 1.0, "mbar": 1.0, "kPa": 10.0, "Pa": 0.01, "bar": 1000.0, "mmHg": 1.33322387415, "inHg": 33.8638866667}
 _LINE_CAP = 500
+"""Longest line in bytes; a PTU300's is below 60."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirSettings:
-    """What a line looks like.
+    """Format of a line.
 
-    ``pattern`` matches the whole of it, with one or more of the groups `MEASURED`. ``greeting`` is sent once, ``request`` every ``poll_s``
-    seconds; a sensor that speaks by itself has none.
+    ``pattern`` matches the whole line, with one or more of the groups `MEASURED`. ``greeting`` is
+    sent once, ``request`` every ``poll_s`` seconds; a sensor that sends by itself has no request.
     """
 
     pattern: str
@@ -62,10 +64,11 @@ def quantities_in(pattern: str) -> tuple[str, ...]:
 
 
 class AirDecoder:
-    """Decoder of a sensor that speaks by itself (`daq.timing.samples.Decoder`).
+    """Decoder of a sensor that sends by itself (`daq.timing.samples.Decoder`).
 
-    A measurement is one sample without position; ``channels`` has shape (count, 4) in the order of `MEASURED`, NaN for a missing one. Each
-    number is also an ``environment`` notice. What is neither a measurement nor the echo of a request is a garbage notice.
+    A measurement is a sample without position; ``channels`` has shape (count, 4) in the order of
+    `MEASURED`, NaN for a missing one. Every number is also an ``environment`` notice. A line that
+    is neither a measurement nor the echo of a request is a garbage notice.
     """
 
     gaps_visible = False
@@ -88,7 +91,7 @@ class AirDecoder:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the measurements that ``chunk`` completes, one sample each."""
+        """Return the measurements that ``chunk`` completes, a sample each."""
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
             if line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
@@ -110,7 +113,7 @@ class AirDecoder:
         self._number += 1
 
     def _value(self, name: str, text: str | None) -> float:
-        """Return the number in our unit, NaN for one that is none."""
+        """Return the number in our unit, NaN if it is not valid."""
         try:
             number = float(text) if text is not None else math.nan
         except ValueError:
@@ -123,7 +126,7 @@ class AirDecoder:
 
 
 class AskedAirDecoder(AirDecoder):
-    """Decoder of one that answers requests (`daq.timing.samples.PolledDecoder`)."""
+    """Decoder of a sensor that answers requests (`daq.timing.samples.PolledDecoder`)."""
 
     def __init__(self, settings: AirSettings) -> None:
         super().__init__(settings)

@@ -1,11 +1,14 @@
-"""Instruments of angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and what is described like them.
+"""Instruments of angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and
+instruments described like them.
 
-Elcomat 3000: a command is one letter and a LF; `s` ends a stream, `A` begins one of absolute readings, each `type status x y` in
-arc-seconds up to a CR. Types 1 and 2 are relative, 3 and 4 absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3
-for both, and a longer status may follow; a number is what C's strtod reads (dls-controls/elcomat3000 @5b459ca, elcomat3000.cpp lines 47,
-164, 209, 330 to 361). Only readings of the absolute stream count: a relative one has another origin.
-Wyler: asked by `P`; the second field of the answer is the angle, the fourth another quantity (CERN's use of the Zerotronic; only facts
-of it are known, so a pattern and the unit may stand in the survey file).
+Elcomat 3000: a command is a letter and a LF; `s` ends a stream, `A` begins a stream of absolute
+readings, each `type status x y` in arc-seconds up to a CR. Types 1 and 2 are relative, 3 and 4
+absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3 for both, and a
+longer status may follow; a number is what C's strtod reads (dls-controls/elcomat3000 @5b459ca,
+elcomat3000.cpp lines 47, 164, 209, 330 to 361). Only readings of the absolute stream count: a
+relative reading has another origin. Wyler: asked by `P`; the second field of the answer is the
+angle, the fourth another quantity (CERN's use of the Zerotronic; only facts of it are known, so a
+pattern and the unit may stand in the survey file).
 """
 
 import math
@@ -30,14 +33,16 @@ WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
 _LARGEST_URAD = 1e6
+"""A larger number is no angle of these instruments: a radian is far beyond their ranges."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnglesSettings:
-    """What a line looks like.
+    """Format of a line.
 
-    ``pattern`` matches the whole of it, with the groups ``first`` and maybe ``second`` and ``valid`` (1 first, 2 second, 3 both).
-    ``greeting`` is sent once, ``request`` for each reading; an instrument that speaks by itself has none.
+    ``pattern`` matches the whole line, with the groups ``first`` and maybe ``second`` and ``valid``
+    (1 first, 2 second, 3 both). ``greeting`` is sent once, ``request`` for each reading; an
+    instrument that sends by itself has no request.
     """
 
     pattern: str
@@ -82,7 +87,9 @@ class AnglesDecoder:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the readings that ``chunk`` completes, one sample each. What is no reading is a garbage notice."""
+        """Return the readings that ``chunk`` completes, a sample each. Any other line is a garbage
+        notice.
+        """
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
             if line.strip():
@@ -102,7 +109,9 @@ class AnglesDecoder:
         self._number += 1
 
     def _values(self, groups: dict[str, str | None]) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
-        """Return the angles in urad, NaN for one that is not valid; None where the text is no number that an instrument shows."""
+        """Return the angles in urad, NaN for an invalid angle; None if the text holds no number of
+        the instrument.
+        """
         valid = groups.get("valid") or "3"
         try:
             numbers = [float(groups[name] or "nan") for name in GROUPS[: self._columns]]
@@ -114,7 +123,7 @@ class AnglesDecoder:
 
 
 class AskedAnglesDecoder(AnglesDecoder):
-    """Decoder of one that answers requests (`daq.timing.samples.PolledDecoder`)."""
+    """Decoder of an instrument that answers requests (`daq.timing.samples.PolledDecoder`)."""
 
     def __init__(self, settings: AnglesSettings) -> None:
         super().__init__(settings)

@@ -19,10 +19,11 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FourdofSettings:
-    """How to read the head.
+    """Settings of the head.
 
-    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's own units; where it is given, the weakest of
-    the three sums is the beam (0 to 1), lost below ``beam_threshold`` and weak below twice that.
+    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's own units;
+    with it the weakest of the three sums is the beam (0 to 1), lost below ``beam_threshold`` and
+    weak below twice the threshold.
     """
 
     encoding: Literal["binary", "ascii"] = "binary"

@@ -1,4 +1,6 @@
-"""`frames`: any instrument that sends one binary frame of fixed size a sample, described by its configuration; the sibling of `line`."""
+"""`frames`: any instrument that sends a binary frame of fixed size per sample, described by its
+configuration; the sibling of `line`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,11 +23,13 @@ LARGEST_FRAME = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FramesSettings:
-    """What a frame looks like and what its numbers mean.
+    """Format of a frame and meaning of its numbers.
 
-    A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum over all bytes before it from byte
-    ``checksum_from`` on. Position in mm = number x ``scale`` x ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of
-    ``status``: any of the first set is a lost beam, any of the second a fault of the instrument; the third must all be set.
+    A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum
+    over all bytes before it from byte ``checksum_from`` on. Position in mm = number x ``scale`` x
+    ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any of the
+    first set is a lost beam, any of the second a fault of the instrument; the third must all be
+    set.
     """
 
     sync: str
@@ -94,8 +98,9 @@ class FramesSettings:
 class FramesDecoder:
     """Decoder of configured binary frames (`daq.timing.samples.Decoder`).
 
-    What belongs to no frame is a garbage notice that quotes its beginning. A position that is no finite number is a sample: NaN, flagged
-    DEVICE_ERROR. Without a counter the frames are numbered and a lost one is not seen.
+    Bytes outside every frame are a garbage notice that quotes their beginning. A position that is
+    not a finite number is a sample: NaN, flagged DEVICE_ERROR. Without a counter the frames are
+    numbered and a lost frame is not seen.
     """
 
     def __init__(self, settings: FramesSettings) -> None:

@@ -1,7 +1,8 @@
 """`ids3010`: attocube IDS3010 fibre interferometers, JSON-RPC 2.0 over TCP 9090, polled.
 
-Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet met the instrument. Every request has an id that
-tells what it asks for, and every answer repeats it: so an answer is never taken for one to another question.
+Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet met the
+instrument. Every request has an id that names its question, and every answer repeats the id: so an
+answer is never taken for another question's.
 """
 
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ids3010Settings:
-    """How to ask. ``axis`` counts from 1; ``interface`` is ``sen`` since firmware 2, ``ids`` before; the contrast is the beam, lost below
-    ``beam_threshold`` of ``contrast_full`` (per mille). ``air`` asks the environmental unit too.
+    """Settings of the polling. ``axis`` counts from 1; ``interface`` is ``sen`` since firmware 2,
+    ``ids`` before; the contrast is the beam, lost below ``beam_threshold`` of ``contrast_full``
+    (per mille). ``air`` asks the environmental unit too.
     """
 
     axis: Literal[1, 2, 3] = 1
@@ -116,7 +118,9 @@ class Ids3010Decoder:
             self._refused(answer, line, batch)
 
     def _refused(self, answer: _Answer, line: bytes, batch: Batch) -> None:
-        """Take an answer that is none to what was asked; where it was the position, that is a sample that cannot be used."""
+        """Take an answer without the requested value; for the position it is a sample that cannot
+        be used.
+        """
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")
         quoted = quote(why.encode()) if isinstance(why, str) else quote(line)

@@ -22,7 +22,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LasertexSettings:
-    """How to read the laser. ``level_full`` is the level (a byte of no stated unit) at full beam, below ``beam_threshold`` of it: lost."""
+    """Settings of the laser. ``level_full`` is the level (a byte of no stated unit) at full beam,
+    below ``beam_threshold`` of this level: lost.
+    """
 
     level_full: float = 100.0
     beam_threshold: float = 0.2
@@ -60,8 +62,9 @@ def command(code: int) -> bytes:
 class LasertexDecoder:
     """Decoder of the laser (`daq.timing.samples.GreetingDecoder`).
 
-    It has no sample counter: the host numbers the readings, and a lost one is not seen. Its sensors of air and material are remarks with
-    the code ``environment``; of several material sensors the mean of their last values counts.
+    The laser has no sample counter: the host numbers the readings, and a lost reading is not seen.
+    Its sensors of air and material are remarks with the code ``environment``; of several material
+    sensors the mean of their last values counts.
     """
 
     gaps_visible = False
@@ -109,7 +112,7 @@ class LasertexDecoder:
         return batch.samples(arrival_ns)
 
     def _take(self, code: int, frames: Frames, batch: Batch) -> None:
-        """Take frames of one kind that follow each other."""
+        """Take consecutive frames of a kind."""
         if code == _DISTANCE:
             self._add(frames, batch)
         elif code == _WEATHER:

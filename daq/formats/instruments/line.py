@@ -1,9 +1,9 @@
-"""`line`: any instrument that sends one ASCII line a sample, described by its configuration.
+"""`line`: any instrument that sends an ASCII line per sample, described by its configuration.
 
-The route for instruments whose wire format is not public: a regular expression with the named groups ``position``,
-``counter`` and ``beam`` says where the numbers stand. It is matched in time linear in the line (RE2), so that a line which
-lost a comma cannot hold up the recording for minutes; what RE2 does not know (looking ahead or behind, references to groups)
-is refused.
+The route for instruments whose wire format is not public: a regular expression with the named
+groups ``position``, ``counter`` and ``beam`` says where the numbers stand. The match takes a time
+linear in the line (RE2), so a line that lost a comma cannot hold up the recording for minutes;
+features that RE2 lacks (looking ahead or behind, references to groups) are refused.
 """
 
 import re
@@ -28,13 +28,15 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineSettings:
-    """What a line looks like and what its numbers mean.
+    """Format of a line and meaning of its numbers.
 
-    ``pattern`` must match the whole line, terminator excluded. Its group ``position`` is required; ``counter`` and ``beam``
-    are optional. Position in mm = number x ``scale`` x ``unit``; the unit ``counts`` is half a vacuum wavelength divided by ``optics``.
-    ``counter_modulus`` is the number of values of the counter before it repeats (None: it never does); signed or unsigned
-    makes no difference. ``beam`` is divided by ``beam_full``; below ``beam_threshold`` (0 to 1) the beam is lost, below twice
-    that it is weak. ``rate_hz`` is the data sheet's rate, None where unknown.
+    ``pattern`` must match the whole line, terminator excluded. Its group ``position`` is required;
+    ``counter`` and ``beam`` are optional. Position in mm = number x ``scale`` x ``unit``; the unit
+    ``counts`` is half a vacuum wavelength divided by ``optics``. ``counter_modulus`` is the number
+    of values of the counter before it repeats (None: never); signed or unsigned makes no
+    difference. ``beam`` is divided by ``beam_full``; below ``beam_threshold`` (0 to 1) the beam is
+    lost, below twice the threshold it is weak. ``rate_hz`` is the data sheet's rate, None where
+    unknown.
     """
 
     pattern: str
@@ -72,7 +74,7 @@ class LineSettings:
 
 LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
-"""That a pattern may take; one that needs more is refused."""
+"""Largest memory of a pattern in bytes; a larger pattern is refused."""
 SAME_LINES = 1024
 """Kept as they were read: a laser that hangs says the same again and again, and a log holds several such lines in a byte."""
 _NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
@@ -168,7 +170,7 @@ class LineDecoder:
         return rows
 
     def _parse(self, line: bytes) -> _Row | None:
-        """Return the numbers of a line, NaN for those it does not hold; None where it does not match."""
+        """Return the numbers of a line, NaN for missing ones; None if it does not match."""
         parsed = self._parsed(line)
         rows = None if parsed is None else self._numbered([parsed])
         if rows is None:
@@ -196,7 +198,7 @@ class LineDecoder:
         return int(text) % modulus if modulus else int(text)
 
     def _add(self, rows: list[_Row], batch: Batch) -> None:
-        """Add rows that follow each other without anything between."""
+        """Add consecutive rows."""
         if not rows:
             return
         followed = self._track.follow(_counts(rows))

@@ -15,7 +15,7 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NdSettings:
-    """How to ask and read an ND display.
+    """Settings of an ND display.
 
     ``value`` is the current value (whole steps of ``resolution_mm``, which is a setting of the device) or the displayed one
     (with a decimal point, in ``unit``). ``axis`` counts the lines of an answer from 1 on displays with several axes.
@@ -51,8 +51,9 @@ _MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 class NdDecoder:
     """Decoder of an ND display (`daq.timing.samples.PolledDecoder`).
 
-    An answer is STX, then one line for each axis, each ended by CR LF. NAK, or text in the place of the value, is a sample all
-    the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the answers; a lost answer is not seen here.
+    An answer is STX, then a line per axis, ended by CR LF. NAK, or text in the place of the value,
+    is a sample all the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the
+    answers; a lost answer is not seen here.
     """
 
     gaps_visible = False
@@ -77,7 +78,7 @@ class NdDecoder:
         self._axis = 0
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, one sample each."""
+        """Return the answers that ``chunk`` completes, a sample each."""
         batch = Batch()
         for byte in chunk:
             self._take(byte, batch)

@@ -23,7 +23,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QudisSettings:
-    """How to read: ``axis`` counts from 1; readings are means over 40 us x 2^``average``; ``absolute`` distances need that feature."""
+    """Settings of the reading: ``axis`` counts from 1; readings are means over 40 us x
+    2^``average``; ``absolute`` distances need an instrument with this feature.
+    """
 
     axis: Literal[1, 2, 3] = 1
     average: int = 5
@@ -127,7 +129,9 @@ class QudisDecoder:
         self._state = state
 
     def _hear_source(self, source: int, batch: Batch) -> None:
-        """Take what channel 0 carries: an axis or a way of measuring that the instrument has not is not set, and another one goes on."""
+        """Take the content of channel 0: an axis or a way of measuring that the instrument lacks is
+        not set, and another takes its place.
+        """
         self._other_source = source != self._source
         if self._other_source:
             batch.note("device", message("other-source", found=source, wanted=self._source))

@@ -14,7 +14,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TqdSettings:
-    """How to ask the detector. ``full_sum_v`` is the sum signal at full beam in volts; lost and weak as for `fourdof`."""
+    """Settings of the detector. ``full_sum_v`` is the sum signal at full beam in volts; lost and
+    weak as for `fourdof`.
+    """
 
     poll_hz: float = 50.0
     full_sum_v: float = 10.0
@@ -60,7 +62,9 @@ class TqdDecoder:
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, one sample each. Other messages of the unit are garbage notices."""
+        """Return the answers that ``chunk`` completes, a sample each. Other messages of the unit
+        are garbage notices.
+        """
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):

@@ -1,4 +1,5 @@
-"""Machines' controls, each by its own protocol behind one way: Modbus, S7, LSV2.
+"""Machines' controls, each by its own protocol behind a common interface: Modbus, S7, LSV2.
 
-In: what to ask, and how often. Out: stamped blocks of registers, or why there are none. Imported by recording, `check` and `setup`.
+In: the ranges to read, and the period. Out: stamped blocks of registers, or the reason for none.
+Imported by recording, `check` and `setup`.
 """

@@ -1,7 +1,8 @@
-"""Protocols whose libraries wait for their answers: one thread a connection does the waiting, the event loop awaits its results.
+"""Protocols whose libraries wait for their answers: a thread per connection does the waiting, the
+event loop awaits its results.
 
-The thread does nothing but that. A library that hangs costs its thread alone: the caller gets an error after a limit, closes it,
-and the thread ends with it.
+The thread does nothing else. A library that hangs costs its thread alone: after a limit the caller
+gets an error and closes the library, and the thread ends with it.
 """
 
 import asyncio
@@ -24,9 +25,9 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 Result = TypeVar("Result")
 CONNECT_S = 5.0
-"""How long a connection may take; it is a dozen questions and answers."""
+"""Longest time of connecting in s: a dozen questions and answers."""
 _PATIENCE = 3.0
-"""One poll may take so many times plc.timeout_s, which is the wait for each part of it."""
+"""Longest time of a poll as a multiple of plc.timeout_s, the wait for each part of a poll."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,9 @@ class _Job:
 
 
 class Waiter:
-    """The thread of one connection. ``hang_up`` ends a call that is under way, from another thread; ``close`` is the last that it does."""
+    """The thread of a connection. ``hang_up`` ends a call under way, from another thread; ``close``
+    is its last call.
+    """
 
     def __init__(self, name: str, hang_up: Callable[[], None], close: Callable[[], object]) -> None:
         self._hang_up = hang_up
@@ -112,7 +115,7 @@ class BlockingLink(ABC):
         """Write a word, in the thread."""
 
     def _fetch_all(self) -> list[bytes]:
-        """Return the bytes of all ranges; nothing for one that was refused."""
+        """Return the bytes of all ranges; no bytes for a refused range."""
         return [self._fetch_or_refuse(wanted) for wanted in self._ranges]
 
     def _fetch_or_refuse(self, wanted: ReadRange) -> bytes:
@@ -138,7 +141,9 @@ class BlockingLink(ABC):
         return ModbusBlock(send_ns, stamp_ns(), self._ranges, data)
 
     async def _within(self, work: Callable[[], Result]) -> Result:
-        """Do it in the thread. An answer whose bytes come one by one for ever is given up like silence."""
+        """Do the work in the thread. An answer whose bytes arrive slowly for ever is given up like
+        silence.
+        """
         limit_s = _PATIENCE * self._timeout_s + 1.0
         try:
             return await self._waiter.call(work, limit_s)

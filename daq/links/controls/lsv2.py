@@ -1,7 +1,8 @@
 """Heidenhain controls over LSV2 (TCP 19000): the only code that knows pyLSV2 (extra ``stepdiag[lsv2]``).
 
-What the NC program hands to the PLC by FN 19 lies in the PLC's memory as double words, low byte first. Reading it needs the login PLCDEBUG,
-which the library's safe mode shuts out together with what writes; nothing here calls anything but reading.
+Values that the NC program hands to the PLC by FN 19 lie in the PLC's memory as double words, low
+byte first. Reading them needs the login PLCDEBUG, which the library's safe mode shuts out together
+with writing; only reading is called here.
 """
 
 import errno
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
 _LARGEST_ANSWER = 1_000_000
-"""What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""
+"""Bytes at most of an answer: a read of a PLC's memory is 255 bytes, but a network can bring
+gigabytes while the connection is still being made.
+"""
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
 _FIREWALL = message("firewall-lsv2")
 
@@ -171,9 +174,11 @@ def _unanswered(settings: Lsv2Settings) -> DeviceError:
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:
-    """Return the error for an answer that is none of this protocol: the library raises whatever its reading of it comes upon.
+    """Return the error for an answer outside this protocol: the library raises whatever its parsing
+    meets.
 
-    The connection is given up: answers have no number, and what is left of this one would count as the next.
+    The connection is given up: answers have no number, and the rest of this answer would count as
+    the next.
     """
     remedy = message("do-other-product")
     found = message("found-other-bytes", bytes=f"{type(error).__name__}: {str(error)[:120]}")

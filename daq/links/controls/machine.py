@@ -18,7 +18,7 @@ class MachineLink(Protocol):
 
     @property
     def refusals(self) -> Mapping[ReadRange, RefusedRequestError]:
-        """What the control refused in the last poll."""
+        """The ranges refused in the last poll."""
         ...
 
     async def read(self) -> ModbusBlock:

@@ -1,7 +1,8 @@
 """The machine's Modbus: the only code that knows pymodbus (3.16; its API changes within a major version).
 
-One connection, one block of ranges read with the same requests at every poll. Answers are waited for shortly and nothing is retried
-inside pymodbus: a poll that failed is known to have failed, and the next one asks for the present.
+One connection reads a block of ranges with the same requests at every poll. The wait for answers is
+short and pymodbus retries nothing: a failed poll is reported as failed, and the next poll reads the
+present.
 """
 
 import asyncio
@@ -41,11 +42,13 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it repo
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
-"""How long connecting may take, however soon answers must come: TCP asks again after one second where the first packet was lost
-(RFC 6298, 2.1)."""
+"""Least time for connecting in s, for short time-outs too: TCP asks again after one second if the
+first packet was lost (RFC 6298, 2.1).
+"""
 RTU_WORST_ANSWER_S = 1.0
-"""How long late answers are waited for on a serial line; one that comes later still is found by its length."""
+"""Longest wait for a late answer on a serial line in s; a later answer is found by its length."""
 _ATTEMPTS_TO_GET_IN_STEP = 3
+"""Probes before the link is given up; each waits `RTU_WORST_ANSWER_S` from the second on."""
 _WRITE_REGISTERS = 0x10
 _READS: dict[str, tuple[str, int]] = {
     "coil": ("read_coils", 1),
@@ -94,11 +97,12 @@ ModbusSettings = TcpSettings | RtuSettings
 
 
 class ModbusLink:
-    """One connection to the machine; made by `open_link`, ended by ``close``.
+    """A connection to the machine; made by `open_link`, ended by ``close``.
 
-    A serial line carries no transaction number: an answer that comes after its time-out would be taken for the answer to the next
-    request, and every answer after it for the one before, for ever and without an error. So every answer must have the length that
-    was asked for, and after anything but a right answer the line is brought back in step before the next request.
+    A serial line carries no transaction number: a late answer would be taken for the answer to the
+    next request, and so would every answer after it, for ever and without an error. So every answer
+    must have the expected length, and after anything but a right answer the line is brought back in
+    step before the next request.
     """
 
     def __init__(self, settings: ModbusSettings, ranges: Sequence[ReadRange], client: Client, lateness: Lateness) -> None:
@@ -110,7 +114,7 @@ class ModbusLink:
         self._in_step = isinstance(settings, TcpSettings)
         self._wait_s = 0.0
         self.refusals: dict[ReadRange, RefusedRequestError] = {}
-        """What the device refused in the last poll."""
+        """The ranges refused in the last poll."""
 
     async def read(self) -> ModbusBlock:
         """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
@@ -164,8 +168,8 @@ class ModbusLink:
         return await self._exchange(lambda: read(wanted.address, count=wanted.count, device_id=self._settings.unit))
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
-        """Ask and await the answer. Whoever calls decides whether it is right; until then, and where this is cancelled, the line is out of
-        step.
+        """Ask and await the answer. The caller checks the answer; until then, and after a
+        cancellation, the line is out of step.
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:
@@ -216,9 +220,10 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
 
 
 async def _nobody(settings: ModbusSettings) -> LostConnectionError:
-    """Return why no connection came about: the library keeps the reason to itself, so the network is asked once more.
+    """Return the reason for a missing connection: the library hides its reason, so the network is
+    asked once more.
 
-    A name server that does not answer has no limit of its own: its thread is left to it.
+    A name server that does not answer has no limit of its own: its thread is left running.
     """
     if isinstance(settings, TcpSettings):
         asking = Waiter("modbus again", lambda: None, lambda: None)
@@ -234,7 +239,9 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
 
 
 def answer_within(client: Client, timeout_s: float) -> None:
-    """Have the client wait for answers this long from now on; it has one time for connecting and for answers."""
+    """Have the client wait this long for answers from now on; the client has a common time for
+    connecting and for answers.
+    """
     client.ctx.comm_params.timeout_connect = timeout_s
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong on Modbus, in words for the person at the machine.
+"""Failures of Modbus, in words for the person at the machine.
 
 DeviceError
 ├── LostConnectionError    nobody there, or the connection ended
@@ -55,7 +55,9 @@ def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
 
 
 def silence(device: str, timeout_s: float, *, serial: bool, late: Words = "") -> SilentDeviceError:
-    """Return the error for an answer that did not come; ``late`` says that answers do come, after that time."""
+    """Return the error for a missing answer; ``late`` states that answers arrive after this
+    time.
+    """
     if late:
         return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("none-yet"), remedy=late)
     check = message("do-serial-unit") if serial else message("do-program-runs")

@@ -22,8 +22,9 @@ REFUSED_WAIT_S = 1.0
 class MachinePoller:
     """Reads the ranges every ``period_s`` and hands over each block, in the event loop.
 
-    The schedule is that of the first poll; polls that are due while one is under way are left out, never queued. ``on_written`` hears of
-    every register written: why it was refused, or nothing where the device took it.
+    The schedule is that of the first poll; polls due while another poll is under way are left out,
+    never queued. ``on_written`` receives every register written: the reason of a refusal, or
+    nothing for success.
     """
 
     def __init__(
@@ -80,7 +81,9 @@ class MachinePoller:
             due += self._period_s * max(1, -((due - clock()) // self._period_s))
 
     def _say_late(self, link: MachineLink) -> None:
-        """Say, once for each time they have become later by half, that answers come after they were given up."""
+        """Report answers that arrive after their time-out, again whenever they become later by
+        half.
+        """
         if link.lateness.after_s > LATER * self._late_s:
             self._late_s = link.lateness.after_s
             _log.warning("answers-late", link="machine", detail=f"{self._settings.address}: {link.lateness.words}")
@@ -101,7 +104,9 @@ class MachinePoller:
                 timer.cancel()
 
     async def _write_pending(self, link: MachineLink) -> None:
-        """Write what waits. What the device refuses is not tried again: polling goes on without it."""
+        """Write the pending registers. A refused register is not tried again: polling goes on
+        without it.
+        """
         pending = self._pending
         if pending is None:
             return
@@ -124,4 +129,6 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
     """Return the address, what is refused of the block, and how late it answers."""
     late = link.lateness.words
+    if not (late or link.refusals):
+        return settings.address
     return joined([settings.address, *(error.message for error in link.refusals.values()), *([late] if late else [])])

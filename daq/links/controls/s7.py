@@ -1,7 +1,8 @@
 """Siemens controls over S7 communication (ISO on TCP, port 102): the only code that knows python-snap7 (extra ``stepdiag[s7]``).
 
-All ranges are asked for in one telegram, so a block is what the control held at one moment of its cycle. Nothing is retried inside the
-library: after an answer that did not come the connection is given up, and the next one asks for the present.
+All ranges are asked for in one telegram, so a block holds the values of one moment of the control's
+cycle. Nothing is retried inside the library: after a missing answer the connection is given up, and
+the next connection asks for the present.
 """
 
 import logging
@@ -26,8 +27,9 @@ logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes b
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
-"""What was refused is asked for again after a second, for it may have passed, then after twice as long each time: somebody may load the
-block meanwhile, and the poll that finds out is not of one moment."""
+"""A refused range is asked for again after a second, then after twice as long each time: somebody
+may load the block meanwhile, and the poll with this question is not of a single moment.
+"""
 _FIREWALL = message("firewall-s7")
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
 _REMEDIES = {
@@ -73,7 +75,9 @@ class S7Link(BlockingLink):
         self._wait_s = AGAIN_FIRST_S
 
     def _fetch_all(self) -> list[bytes]:
-        """Ask for everything at once. Where a part of it is refused, each range is asked for alone now and then, the others together."""
+        """Ask for everything at once. If a part is refused, each range is asked for alone now and
+        then, the others together.
+        """
         wanted = [each for each in self._ranges if each not in self._refused]
         if wanted and not (self._refused and self._clock() >= self._again_s):
             try:

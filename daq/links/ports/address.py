@@ -28,7 +28,7 @@ class NetworkLine:
 def network_line(name: str, field: str = "port") -> NetworkLine | None:
     """Return the line on the network that a port names, None for a port of this computer.
 
-    Raises UsageError that names ``field`` for another scheme, or a host or a port that is none.
+    Raises UsageError that names ``field`` for another scheme, or an invalid host or port.
     """
     found = _SCHEME.match(name)
     if found is None:

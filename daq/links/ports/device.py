@@ -1,4 +1,6 @@
-"""What a port is made of underneath: something with a descriptor that bytes come from. `stepdiag.daq.links.ports.port` waits on it."""
+"""The device under a port: a descriptor that delivers bytes. `stepdiag.daq.links.ports.port` waits
+for its bytes.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -7,7 +9,7 @@ from stepdiag.base.messages import Message
 
 LARGEST_READ = 65536
 BUSY_WAIT_S = 0.1
-"""How long a read waits on a line that is expected to bring something at any moment."""
+"""Wait of a read in s on a line that is expected to deliver bytes at any moment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +33,7 @@ class Device(Protocol):
     """An open line, used by one thread."""
 
     detail: Message
-    """The line in words, as a person wants to see it when it is open."""
+    """The line in words, shown to the operator when the line is open."""
     low_latency: bool
     """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on them."""
 
@@ -51,7 +53,9 @@ class Device(Protocol):
         ...
 
     def lost(self) -> dict[LossKind, int]:
-        """Return how often what was lost since the line was opened, as it counts itself; nothing where it does not count. Any thread."""
+        """Return the number of losses since the line was opened, by kind, as the line counts them;
+        empty for a line that does not count. Any thread.
+        """
         ...
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""How late a device answers: seen from the bytes that come when nobody waits for them any more."""
+"""Lateness of a device's answers, by the bytes that arrive after the time-out."""
 
 import time
 from collections.abc import Callable
@@ -6,13 +6,16 @@ from collections.abc import Callable
 from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
+"""Requests whose time is kept: an answer later than so many requests is not timed."""
 
 
 class Lateness:
-    """Watches what is sent and received. ``after_s`` is how long after its request the latest answer came that had been given up, else 0.
+    """Watches sent and received bytes. ``after_s`` is the time from the request to its latest late
+    answer, else 0.
 
-    Answers over TCP carry the number of their request (``numbered``). On a serial line whatever comes while nobody waits belongs to the
-    request before; an answer to a later one shows in its length that it is of an earlier (`ModbusLink`).
+    Answers over TCP carry the number of their request (``numbered``). On a serial line, bytes that
+    arrive outside a wait belong to the request before; an answer during a later wait shows by its
+    length that it belongs to an earlier request (`ModbusLink`).
     """
 
     def __init__(self, *, numbered: bool, clock: Callable[[], float] = time.monotonic) -> None:
@@ -28,7 +31,10 @@ class Lateness:
         now, number = self._clock(), data[:2] if self._numbered else b""
         if sending:
             self._sent_s, self._awaited = now, number
-            self._asked_s = dict([*self._asked_s.items(), (number, now)][-TRANSACTIONS_KEPT:])
+            self._asked_s.pop(number, None)
+            self._asked_s[number] = now  # the newest is the last
+            if len(self._asked_s) > TRANSACTIONS_KEPT:
+                del self._asked_s[next(iter(self._asked_s))]
         else:
             self._heard_s = now
             if number != self._awaited and number in self._asked_s:
@@ -44,7 +50,7 @@ class Lateness:
         self._awaited = None
 
     def was_of_an_earlier(self) -> None:
-        """Take note that what came last was the answer to a request that had been given up."""
+        """Note that the last bytes were a late answer."""
         if self._missed_s:
             self.after_s = max(self.after_s, self._heard_s - self._missed_s)
 

@@ -1,7 +1,9 @@
-"""A line on the network: ``socket://host:port`` as it is, ``rfc2217://host:port`` with its settings (`daq.links.ports.device.Device`).
+"""A line on the network: ``socket://host:port`` raw, ``rfc2217://host:port`` with its settings
+(`daq.links.ports.device.Device`).
 
-A terminal server that loses its power says nothing any more, and nothing is also what an instrument says that is switched off. So the
-kernel asks the other end whether it lives (keep-alive), and a line without an answer for ten seconds is lost and made anew.
+A terminal server that loses its power sends nothing any more, just like an instrument that is
+switched off. So the kernel probes the other end (keep-alive), and a line without an answer for ten
+seconds is lost and made anew.
 """
 
 import contextlib
@@ -19,12 +21,13 @@ from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, L
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
-"""How long a connection may take: a firewall that swallows it says nothing at all."""
+"""Longest time of connecting in s: a firewall may swallow a connection without an answer."""
 AGREE_S = 2.0
-"""How long a terminal server may take to agree to the settings of its line."""
+"""Longest time in s for a terminal server to agree to the settings of its line."""
 _SHOWN = 12
 """Bytes of something else that are shown."""
 ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
+"""Seconds to the first probe and between probes, and their number: ten seconds in all."""
 _REMEDIES = {
     errno.ECONNREFUSED: message("do-nothing-listens"),
     errno.EHOSTUNREACH: message("do-nobody-address"),
@@ -78,7 +81,9 @@ class NetworkPort:
         self._connection.sendall(data)
 
     def lost(self) -> dict[LossKind, int]:
-        """Return nothing: TCP loses no byte of a connection that stands, and what the server lost it does not tell."""
+        """Return nothing: TCP loses no byte of a standing connection, and the server does not
+        report its own losses.
+        """
         return {}
 
     def close(self) -> None:
@@ -126,9 +131,11 @@ def _connect(name: str, line: NetworkLine) -> socket.socket:
 
 
 def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
-    """Return the line once the terminal server has agreed to its settings. Raises DeviceError where it does not.
+    """Return the line once the terminal server has agreed to its settings. Raises DeviceError if it
+    refuses.
 
-    What the instrument says before that was read with other settings and is left out.
+    Bytes of the instrument from before the agreement were read with other settings and are left
+    out.
     """
     codec, other, until_s = ComPort(settings), b"", time.monotonic() + AGREE_S
     connection.sendall(codec.opening())

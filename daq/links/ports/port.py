@@ -1,6 +1,6 @@
-"""An open port, whatever it is made of: waiting for bytes, being woken, and what to say when it is lost.
+"""An open port on any device: waiting for bytes, being woken, and the message of its loss.
 
-Waiting is one poll(2), and on a busy line there is none: the read itself waits there.
+Waiting is one poll(2); on a busy line the read itself waits.
 """
 
 import os
@@ -91,7 +91,9 @@ class OpenPort:
         self.hurry()
 
     def close(self) -> None:
-        """Close the port. The kernel may take half a minute to let go of a line, and nobody else waits for that."""
+        """Close the port. The kernel may take half a minute to close a line, and nothing else waits
+        for the end of this.
+        """
         with self._closing:
             first, self._closed = not self._closed, True
             if first:

@@ -1,4 +1,4 @@
-"""A thread that works on a serial port, and the event loop that watches over it."""
+"""A thread that works on a serial port, and the event loop that supervises it."""
 
 import asyncio
 import contextlib
@@ -25,9 +25,9 @@ _T = TypeVar("_T")
 
 
 class Losses:
-    """What a line has lost, not reported oftener than a person wants to hear it.
+    """The losses of a line, reported at readable intervals.
 
-    Counts that only grow, since a line was opened, become what was lost since the last report.
+    Counts that only grow since a line was opened become the losses since the last report.
     """
 
     def __init__(self) -> None:
@@ -48,9 +48,10 @@ class Losses:
 
 
 class PortThread:
-    """Opens a port in a thread of its own, works on it there, closes it there. One object, one life.
+    """Opens a port in a thread of its own, works on it there, closes it there. An object has one
+    life.
 
-    The thread cannot end unseen: however ``work`` ends, ``serve`` ends with it, by the same exception.
+    The thread cannot end unseen: when ``work`` ends, ``serve`` ends too, by the same exception.
     """
 
     def __init__(self, settings: SerialSettings, work: Callable[[OpenPort], None]) -> None:

@@ -1,7 +1,8 @@
-"""Serial lines: a thread that reads and stamps, an event loop that watches over it.
+"""Serial lines: a thread that reads and stamps, an event loop that supervises the thread.
 
-The stamp is taken in the reading thread right after the read: through a queue it would be late by milliseconds whenever other
-Python code is busy. A read takes all that is there in one call; reading lines would cost three hundred times more.
+The stamp is taken in the reading thread right after the read: through a queue it would be late by
+milliseconds whenever other Python code is busy. A read takes all waiting bytes in one call; reading
+lines would cost three hundred times more.
 """
 
 import time
@@ -17,22 +18,30 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder, RespondingDecoder
 
 ANSWER_TIMEOUT_S = 0.5
-"""How long a polled instrument may take for the first byte of its answer."""
+"""Longest time in s for the first byte of an answer of a polled instrument."""
 PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
-"""Silence that ends an answer: longer than the 16 ms that a USB adapter may sit on bytes, unless it is configured not to."""
+"""Silence in s that ends an answer: longer than the 16 ms for which a USB adapter may hold bytes,
+unless configured otherwise.
+"""
 GATHER_S = 0.02
-"""What arrives within so long is one chunk: a chunk for each of a thousand lines a second would cost an eighth of a core."""
+"""Bytes that arrive within this time in s are a chunk: a chunk for each of a thousand lines a
+second would cost an eighth of a core.
+"""
 LARGEST_CHUNK = 16_384
 """Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a second."""
 BUSY_BYTES_PER_S = 100_000
-"""Above it the reader does not sleep while it gathers, nor asks whether there is something to read: a pty holds 4 KiB."""
+"""Above this rate the reader neither sleeps while gathering nor asks for waiting bytes: a pty holds
+4 KiB.
+"""
 NEVER_SILENT_S = 3.0
-"""How long a line may speak on after an answer that did not come: what it says meanwhile is thrown away."""
+"""Longest time in s for which a line may go on sending after a missing answer; its bytes of this
+time are thrown away.
+"""
 _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
 Respond = Callable[[bytes], bytes]
-"""Takes what was received, returns the answer to it; nothing where that is nothing."""
+"""Takes received bytes, returns the answer to them; empty for no answer."""
 OnChunk = Callable[[bytes, int], None]
 """Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
 
@@ -141,7 +150,9 @@ class PolledSerial:
 
 
 def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk) -> SerialStream | PolledSerial:
-    """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is sent first."""
+    """Return the line of an instrument read by ``decoder``: whether it is polled, and its
+    greeting.
+    """
     greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
     if not isinstance(decoder, PolledDecoder):
         responder = decoder.responder if isinstance(decoder, RespondingDecoder) else None
@@ -151,14 +162,16 @@ def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChun
 
 
 class _Pace:
-    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on one so slow that nothing would come meanwhile."""
+    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on a line so slow that no
+    byte would arrive meanwhile.
+    """
 
     def __init__(self) -> None:
         self.sleeps = self.busy = False
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
-        """Take the size of a chunk and the number of reads that brought it."""
+        """Take the size of a chunk and the number of its reads."""
         now_s = time.monotonic()
         self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s
@@ -166,10 +179,11 @@ class _Pace:
 
 
 def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, int]:
-    """Return what is there and what comes within ``seconds``, the time of its last byte, and how many reads brought something.
+    """Return the bytes that wait and that arrive within ``seconds``, the time of the last byte, and
+    the number of reads with bytes.
 
-    At least two reads: the first may find bytes that lay there for a while, the second waits for one that arrives. What came before the
-    line was lost is returned; the next read says that it is lost.
+    At least two reads: the first may find old bytes, the second waits for a new byte. Bytes from
+    before the loss of the line are returned; the next read reports the loss.
     """
     parts: list[bytes] = []
     size, last_ns, end_s = 0, 0, time.monotonic() + seconds
@@ -193,7 +207,9 @@ def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
 
 
 def _await_silence(port: OpenPort) -> None:
-    """Throw away what comes until nothing does. Raises DeviceError for a line that never falls silent: nobody is asked there."""
+    """Throw away bytes until the line is silent. Raises DeviceError for a line that never falls
+    silent: nothing is asked there.
+    """
     until_s = time.monotonic() + NEVER_SILENT_S
     while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):
         if time.monotonic() > until_s:

@@ -1,7 +1,7 @@
 """A serial port of this computer (`daq.links.ports.device.Device`).
 
-pyserial sets the line up; reading is one read(2) here: its own ``read`` makes four calls, each of which lets go of the interpreter and
-may wait for it, and costs twice the time.
+pyserial sets the line up; reading is one read(2) here: pyserial's ``read`` makes four calls, each
+of which lets go of the interpreter and may wait for it, and costs twice the time.
 """
 
 import errno
@@ -75,7 +75,9 @@ class Tty:
             raise OSError(*error.args) from error
 
     def lost(self) -> dict[LossKind, int]:
-        """Return how often the driver counted each kind of loss since the port was opened; nothing where it does not count (a pty)."""
+        """Return the driver's counts of each kind of loss since the port was opened; empty for a
+        pty, which does not count.
+        """
         now = self._counts()
         more = [after - before for before, after in zip(self._counted, now, strict=True)] if len(now) == len(self._counted) else []
         return {kind: more[at] for at, kind in _LOSSES.items() if more and more[at] > 0}
@@ -109,8 +111,8 @@ def _set_low_latency(port: serial.Serial) -> bool:
 
 
 def present_ports() -> dict[str, str]:
-    """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one, and what
-    its adapter calls itself.
+    """Return the serial ports of this computer with a device: the lasting name (``by-id``) if any,
+    and the name of the adapter.
     """
     stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
     return {

@@ -1,6 +1,8 @@
-"""Controls by name: the ``[plc]`` section of a survey with a control of each kind, as ``stepdiag setup`` writes it.
+"""Controls by name: the ``[plc]`` section of a survey for each kind of control, as ``stepdiag
+setup`` writes it.
 
-A file a control, to be read as what it is; each says where its addresses come from and what of it is only recalled.
+A file per control, to be read directly; each file names the source of its addresses and the part
+that is only recalled.
 """
 
 from importlib.resources import files

@@ -34,14 +34,17 @@ HALL = {
     "air_pressure_hpa": (600.0, 1100.0),
     "relative_humidity_percent": (0.0, 100.0),
 }
-"""What a machine hall can have: above the first number, up to the second. Registers that nobody writes say 0, a pressure in kPa 101."""
+"""Possible conditions of a machine hall: above the first number, up to the second. Registers never
+written hold 0, a pressure in kPa 101.
+"""
 
 
 class Done(enum.Flag):
-    """What the instrument has already done to the length it hands over; the rest is ours, and nothing is done twice.
+    """Corrections that the instrument has already made to its length; the others are made here, and
+    none twice.
 
-    ``WAVELENGTH``: divided by the index of the air of that moment. ``DEAD_PATH``: corrected the path that was not
-    zeroed. ``EXPANSION``: reduced to 20 C of the material.
+    ``WAVELENGTH``: divided by the index of the air at this moment. ``DEAD_PATH``: corrected the
+    path that was not zeroed. ``EXPANSION``: reduced to 20 C of the material.
     """
 
     NOTHING = 0

@@ -1,4 +1,6 @@
-"""What a user takes for granted about machine, laser and hall: the ``[uncertainty]`` of the survey file."""
+"""The user's assumptions about machine, laser and hall: the ``[uncertainty]`` of the survey
+file.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -35,20 +37,25 @@ scale leaves what it interpolates wrongly."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """Usual sizes (k = 1 unless a range is named) of an ordinary machine with ball screws; zero switches a source off. Those marked * are
-    where the search begins: the closure of the readings shows their size on this machine; where it does not, the stated size stands.
+    """Usual sizes (k = 1 unless a range is named) of an ordinary machine with ball screws; zero
+    switches a source off. Sizes marked * start the search: the closure of the readings shows their
+    size on this machine; otherwise the stated size stands.
 
-    ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad`` overrides it for single functions.
-    ``drift_um`` *: straight drift in one pass without return; ``wander_um`` *: what drift adds up to beside it by the end of a pass.
-    ``repeatability_um`` *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely where the readings show it.
-    ``setup_c`` *: temperature of the machine from setup to setup. ``growth_um_m`` *: growth of the axes from the first to the last
-    reading of the survey that no sensor showed. ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` how
-    well that is known. ``index``: relative, of the air's index and the laser's wavelength, one error for the whole survey;
-    ``index_setup`` what it changes unseen between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel.
-    ``between_um``: waves of the positioning functions that are too short for the targets. ``reading_um`` serves where a stop
-    does not bring its own. ``material_c``: temperature of the axes, ``u_material_c`` how well that is known: it is in the uncertainty of
-    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``; ``material_stated`` where the user states it.
-    ``shape_um``, ``squareness_urad``, ``scale_um_m``: what a machine of its class usually has where nobody measured it.
+    ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad``
+    overrides this range for single functions. ``drift_um`` *: straight drift in one pass without
+    return; ``wander_um`` *: sum of the drift beside the straight drift by the end of a pass.
+    ``repeatability_um`` *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely
+    if the readings show it. ``setup_c`` *: temperature of the machine from setup to setup.
+    ``growth_um_m`` *: growth of the axes from the first to the last reading of the survey, seen by
+    no sensor. ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` its standard
+    uncertainty. ``index``: relative, of the air's index and the laser's wavelength, a single error
+    for the whole survey; ``index_setup`` its unseen change between setups. ``alignment_mrad``:
+    largest angle of a beam to mirror or travel. ``between_um``: waves of the positioning functions
+    too short for the targets. ``reading_um`` serves for a stop without its own. ``material_c``:
+    temperature of the axes, ``u_material_c`` its standard uncertainty, part of the uncertainty of
+    lengths at 20 C, thus of the readings if ``reduced_to_20_c``; ``material_stated`` if the user
+    states it. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of a machine of its
+    class without a measurement.
     """
 
     angles_urad: float = 15.0

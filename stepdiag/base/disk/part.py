@@ -1,7 +1,9 @@
-"""Hidden places: a file is written there whole before it gets its name, and a killed writer leaves nothing that piles up.
+"""Hidden places: a file is written there whole before it gets its name, and a killed writer leaves
+no growing heap.
 
-Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside the target, is locked while its writer
-lives, and is removed by the next writer of the same target where its own writer is gone.
+Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside
+the target, is locked while its writer lives, and is removed by the next writer of the same target
+after its own writer's death.
 """
 
 import os
@@ -19,7 +21,9 @@ SUFFIX = ".part"
 
 @contextmanager
 def part_of(target: Path) -> Iterator[Path]:
-    """Yield a new hidden folder beside ``target`` to write into; at the end it is gone with all that is still in it. Raises OSError."""
+    """Yield a new hidden folder beside ``target`` to write into; at the end it is gone with all its
+    contents. Raises OSError.
+    """
     for left in _of_target(target):
         _remove_abandoned(left)
     part, handle = _held_folder(target)
@@ -33,7 +37,9 @@ def part_of(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_made(folder: Path) -> Iterator[None]:
-    """Make a folder with its parents for what is done inside; where that fails, those that were made are removed. Raises OSError."""
+    """Make a folder with its parents for the work inside; after a failure, the folders made are
+    removed. Raises OSError.
+    """
     with undone_on_failure() as undo:
         for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
             undo.callback(_remove_empty, missing)
@@ -79,7 +85,9 @@ def _of_target(target: Path) -> list[Path]:
 
 
 def _remove_abandoned(part: Path) -> None:
-    """Remove a hidden folder that nobody locks; where locks are not known to the file system, or somebody else removes it, it stays."""
+    """Remove a hidden folder without a lock; if the file system has no locks, or another process
+    removes it, it stays.
+    """
     with suppress(OSError):
         handle = open_folder(part)
         try:
@@ -90,7 +98,9 @@ def _remove_abandoned(part: Path) -> None:
 
 
 def _held_folder(target: Path) -> tuple[Path, int | None]:
-    """Return a new hidden folder and the handle that keeps it locked; one that another writer took for abandoned meanwhile is made anew."""
+    """Return a new hidden folder and the handle that keeps it locked; a folder that another writer
+    took for abandoned meanwhile is made anew.
+    """
     while True:
         part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
         if not FOLDERS_OPEN:
@@ -103,7 +113,9 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
 
 
 def _locked(handle: int) -> bool:
-    """Lock a folder; return whether it is this writer's. A file system that knows no locks lets nobody remove it."""
+    """Lock a folder; return whether the lock is this writer's. On a file system without locks no
+    folder is removed.
+    """
     try:
         lock(handle)
     except BlockingIOError:

@@ -1,7 +1,8 @@
-"""What differs between operating systems, in one place: locks, folders on the disk, a process's priority.
+"""The differences between operating systems, in one place: locks, folders on the disk, a process's
+priority.
 
-Recording needs Linux. Commands that work on files alone run wherever Python does: what a system has not is left out here, and where that
-costs something the function names it.
+Recording needs Linux. Commands that work on files alone run wherever Python does: a feature that a
+system lacks is left out here, and the function names a cost if any.
 """
 
 import errno
@@ -17,7 +18,9 @@ except ImportError:  # Windows
 
 LINUX = sys.platform == "linux"
 NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-"""How a new file is opened whose bytes are written as they are: without O_BINARY Windows puts a return before each line feed."""
+"""Flags of a new file whose bytes are written unchanged: without O_BINARY Windows puts a return
+before each line feed.
+"""
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
 FOLDERS_OPEN = hasattr(os, "O_DIRECTORY")
 """Whether this system opens folders, to lock them and to have their names on the disk."""
@@ -54,6 +57,8 @@ def open_folder(folder: Path) -> int:
 
 
 def nice(steps: int) -> None:
-    """Make this process less important; where a sandbox or the operating system does not, it stays as it is."""
+    """Make this process less important; if a sandbox or the operating system refuses, it stays
+    unchanged.
+    """
     with suppress(OSError, AttributeError):
         os.nice(steps)

@@ -28,11 +28,11 @@ NO_ZERO = -1
 """A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
-"""Share of the stops that may be missing within a pass: it is solved without them."""
+"""Largest share of missing stops within a pass: it is solved without them."""
 
 
 class PassKey(NamedTuple):
-    """What identifies a pass."""
+    """Identity of a pass."""
 
     setup: str
     number: int
@@ -58,14 +58,16 @@ class PassKey(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings:
-    """Readings as columns of equal length N, one row a stop.
+    """Readings as columns of equal length N, a row per stop.
 
-    ``zero`` numbers the stretches of one unbroken laser count: readings of a setup with the same ``zero`` share one origin and are
-    relative to its first row; where it is `NO_ZERO` they are relative to the pass's first stop. ``u_um`` (standard uncertainty of the
-    reading), ``temperature_c`` (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine
-    coordinates, NaN where the beam runs through the pass's first commanded position. ``at_20_c`` says of every reading whether it was
-    brought to 20 C before, ``turned`` whether it is the one at which the pass before ended: every axis had come there from the other side,
-    and stays on it until it moves.
+    ``zero`` numbers the stretches of unbroken laser count: readings of a setup with the same
+    ``zero`` share an origin and are relative to its first row; with `NO_ZERO` they are relative to
+    the pass's first stop. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
+    (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line
+    in machine coordinates, NaN where the beam runs through the pass's first commanded position.
+    ``at_20_c`` states of every reading whether it was reduced to 20 C before, ``turned`` whether it
+    is the last reading of the pass before: every axis had come there from the other side, and stays
+    on it until it moves.
     """
 
     setup: tuple[str, ...]

@@ -1,8 +1,9 @@
 """Renishaw ``.rtl``: linear runs of a laser as the maker's programs keep them, read and written.
 
-The format is not published; what is known of it comes from four independent public readers and writers that agree (docs/lasers.md). So the
-reader takes sections, keys and white space in any order and is strict in counts: every run has every target once, and what cannot be placed
-is refused. The writer makes what those readers read.
+The format is not published; the known facts come from four independent public readers and writers
+that agree (docs/lasers.md). So the reader takes sections, keys and white space in any order and is
+strict in counts: every run has every target once, and an item without a place is refused. The
+writer makes files for these readers.
 """
 
 import re
@@ -42,7 +43,7 @@ class Rtl:
 
     @property
     def axis(self) -> str:
-        """Return the axis that the file names: x, y, z; empty where it names none of them."""
+        """Return the axis named by the file: x, y, z; empty for none of them."""
         named = self.texts.get("axis", "").strip().lower().removesuffix("-axis").removesuffix(" axis").strip()
         return named if named in ("x", "y", "z") else ""
 

@@ -16,12 +16,13 @@ from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """One setup of a survey: how often it is driven out (and back), and where.
+    """A setup of a survey: its number of repeats out (and back), and its line.
 
-    ``beam_offset_mm``: how far its line lies from the usual one. Axes that stand in the setup stand so far from their low end; across the
-    travel of the others it is the beam that lies beside it. ``axis_orders``: in which order a step diagonal moves its axes, for its
-    repeats in turn, that of the plan where there is none. ``targets``: of a linear run, about so many and irregular (`irregular_mm`);
-    0: the nodes.
+    ``beam_offset_mm``: distance of its line from the usual line. Axes that stand in the setup stand
+    so far from their low end; across the travel of the others the beam lies beside the usual line.
+    ``axis_orders``: the orders in which a step diagonal moves its axes, for its repeats in turn;
+    without it the order of the plan. ``targets``: of a linear run, about so many and irregular
+    (`irregular_mm`); 0: the nodes.
     """
 
     setup: str
@@ -49,10 +50,10 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a survey goes. ``diagonal_setup_min`` and the like: minutes to place and align the optics for one setup of a kind;
-    ``beam_shift_min``: for the same setup on another line, where it stands.
+    """The pace of a survey. ``diagonal_setup_min`` and the like: minutes to place and align the
+    optics for a setup of a kind; ``beam_shift_min``: for the same setup on another line.
 
-    The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of it for setting up.
+    The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of this time for setting up.
     """
 
     feed_mm_min: float = 2000.0
@@ -83,7 +84,9 @@ class Plan:
         return replace(self, runs=tuple(runs))
 
     def run_of(self, setup: str) -> Run:
-        """Return the run of a setup; one that is not planned goes along its usual line. Raises ``UsageError`` for a name that is none."""
+        """Return the run of a setup; a setup outside the plan goes along its usual line. Raises
+        ``UsageError`` for an invalid name.
+        """
         return next((run for run in self.runs if run.setup == setup), Run(setup=setup))
 
 
@@ -148,7 +151,7 @@ def plan_minutes(plan: Plan) -> float:
 
 
 def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
-    """Return the readings that a perfect machine would give: all that a forecast needs is where the stops are.
+    """Return the readings of a perfect machine: a forecast needs only the places of the stops.
 
     Raises ``UsageError`` for a plan without a single run of the laser.
     """

@@ -1,9 +1,12 @@
-"""Where the machine stood: each reported position belongs to one target, by one rounding.
+"""The targets of the machine's stops: each reported position belongs to a single target, by a
+single rounding.
 
-A register holds a commanded position with few decimals, or the position of an encoder that scatters by micrometres. Both differ from the
-target, and so does the reading, by the same way. So a stop gets the coordinates of its target, and its deviation counts from
-the position that the machine reported (`solver.model.layout`). All further columns of the model see targets only: which directions the
-readings determine then follows from whole numbers of increments, and no scatter of positions makes an unseen direction look seen.
+A register holds a commanded position with few decimals, or the position of an encoder that scatters
+by micrometres. Both differ from the target, and so does the reading, by the same way. So a stop
+gets the coordinates of its target, and its deviation counts from the reported position
+(`solver.model.layout`). All further columns of the model see targets only: the directions that the
+readings determine then follow from whole numbers of increments, and no scatter of positions makes
+an unseen direction look seen.
 """
 
 import numpy as np
@@ -12,8 +15,10 @@ from numpy.typing import NDArray
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 
 EDGE_TOLERANCE_MM = 0.005
-"""An edge of the box is a multiple of 0.1 mm where it lies so close to one: a drawing has few decimals, a register flickers. It is a whole
-number of millimetres where one lies within the scatter of the stops."""
+"""Largest distance in mm from which an edge of the box is rounded to a multiple of 0.1 mm: a
+drawing has few decimals, a register flickers. The edge is a whole number of millimetres if such a
+number lies within the scatter of the stops.
+"""
 
 
 def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None) -> Vector:
@@ -35,7 +40,9 @@ def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None 
 
 
 def _clustered(position_mm: Vector, near_mm: float) -> Vector:
-    """Return the mean of the positions that lie together with each, shape (k,): a wider gap parts two targets."""
+    """Return the mean of the positions that lie together with each position, shape (k,): a wider
+    gap parts two targets.
+    """
     if not len(position_mm):
         return position_mm
     order = np.argsort(position_mm, kind="stable")
@@ -46,7 +53,9 @@ def _clustered(position_mm: Vector, near_mm: float) -> Vector:
 
 
 def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector) -> Vector:
-    """Return the target of positions along an axis, shape (k,): one of the ``target_mm`` where one is near, else as `snapped_mm` has it."""
+    """Return the target of positions along an axis, shape (k,): an entry of ``target_mm`` if near,
+    else by `snapped_mm`.
+    """
     known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
     above = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
     nearest = np.where(position_mm - known[above - 1] < known[above] - position_mm, known[above - 1], known[above])
@@ -57,8 +66,9 @@ def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector)
 def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
     """Return low and high edge of the box along an axis, from positions (k,) that reach both edges.
 
-    ``steps`` (k,) counts the equal steps from edge to edge in the pass of each position. All stops together say where the edges are: that
-    of one corner may scatter. Positions that are not those of equal steps give their extremes: whoever checks the passes names the stop.
+    ``steps`` (k,) counts the equal steps from edge to edge in the pass of each position. All stops
+    together give the edges: the stop of a single corner may scatter. Positions without equal steps
+    give their extremes: the check of the passes names the stop.
     """
     low, high = float(np.min(position_mm)), float(np.max(position_mm))
     if high - low <= 2.0 * POSITION_TOLERANCE_MM:
@@ -75,7 +85,9 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
 
 
 def _rounded(edge_mm: float, slack_mm: float) -> float:
-    """Return the whole number that lies within ``slack_mm`` of an edge, else the multiple of 0.1 mm that does, else the edge."""
+    """Return the whole number within ``slack_mm`` of an edge, else the multiple of 0.1 mm within
+    it, else the edge.
+    """
     for decimals in (0, 1):
         if abs(round(edge_mm, decimals) - edge_mm) <= slack_mm:
             return round(edge_mm, decimals) + 0.0
@@ -83,10 +95,12 @@ def _rounded(edge_mm: float, slack_mm: float) -> float:
 
 
 def arrivals(position_mm: Vector, pass_index: NDArray[np.int64], turned: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return which move brought each axis to its target, numbered over the survey, -1 for an axis that stands in its pass, shape (m, 3).
+    """Return the move that brought each axis to its target, numbered over the survey, -1 for an
+    axis that stands in its pass, shape (m, 3).
 
-    An axis that stands keeps its place (`solver.adjustment.scatter`). A pass begins with an arrival of its own, unless the machine
-    ``turned`` round at its first stop: then it stands where the pass before ended.
+    An axis that stands keeps its place (`solver.adjustment.scatter`). A pass begins with an arrival
+    of its own, unless the machine ``turned`` round at its first stop: then the arrival of the pass
+    before stands.
     """
     first = np.diff(pass_index, prepend=-1) != 0
     moved = np.diff(position_mm, axis=0, prepend=np.nan) != 0

@@ -32,7 +32,9 @@ def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
 
 
 def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
-    """Return the way of each axis that counts as a move, shape (3,): an axis that stands may be beside its target at both stops."""
+    """Return the least way of each axis that counts as a move, shape (3,): a standing axis may be
+    beside its target at both stops.
+    """
     own = np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
     return np.where(own, SHORTEST_MOVE_MM, 2.0 * volume.tolerance_mm)
 
@@ -40,7 +42,9 @@ def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
 def _check_each_move(
     setup: Setup, position: Vector, stop: NDArray[np.int64], signs: NDArray[np.int64], least_mm: Vector, where: str
 ) -> None:
-    """Every move goes the way the setup says; step diagonals move one axis at a time, over a missing stop as many as it takes."""
+    """Check that every move goes the way of the setup; step diagonals move one axis at a time, over
+    a missing stop several.
+    """
     moves, steps = np.diff(position, axis=0), np.diff(stop)
     moving = np.abs(moves) > least_mm
     wrong_way = moving & (np.sign(moves) != signs)

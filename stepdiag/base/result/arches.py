@@ -1,4 +1,6 @@
-"""What functions do between their targets beside the curve through the values: in predictions, an arch from each value to the next."""
+"""Functions between their targets beside the curve through the values: in predictions, an arch from
+each value to the next.
+"""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -11,8 +13,10 @@ from stepdiag.base.volume import Vector
 
 
 class Between(NamedTuple):
-    """What functions may do between their values beside the curve through them: the height of an arch there and between which values that
-    is (functions, N), the component that is moved (functions,), and standard deviations in the middle (draws, functions)."""
+    """Possible deviations of functions from the curve through their values: the height of an arch
+    and the pair of its values (functions, N), the component that is moved (functions,), and
+    standard deviations in the middle (draws, functions).
+    """
 
     arch: Vector
     cell: NDArray[np.int64]
@@ -45,11 +49,12 @@ class Between(NamedTuple):
         return found
 
     def across_um2(self, met: Vector) -> Vector:
-        """Return by how much the square sum of drawn fields grows for what is between the targets along or against them, shape (draws,):
-        beside the mean square, and nothing on average.
+        """Return the increase of the square sum of drawn fields by deviations between the targets
+        along or against them, shape (draws,): beside the mean square, and zero on average.
 
-        An arch has one sign from value to value, and the errors that it meets there (`met`, the sum over all deviations) do not change
-        theirs: four increments have 36 arches in a volume, which do not cancel. The sum of so many is normal.
+        An arch has one sign from value to value, and the errors at its place (`met`, the sum over
+        all deviations) do not change theirs: four increments have 36 arches in a volume, which do
+        not cancel. The sum of so many is normal.
         """
         found: Vector = 2.0 * np.sqrt(self.size_um**2 @ met) * np.random.default_rng(3).standard_normal(len(self.size_um))
         return found
@@ -63,7 +68,9 @@ def _drawn(*shape: int) -> Vector:
 
 
 def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
-    """Return what the posterior of a result says of it at points (N, 3); of no function where it has none."""
+    """Return the arches of a result's posterior at points (N, 3); of no function without a
+    posterior.
+    """
     posterior = result.posterior
     all_sizes = {} if posterior is None else posterior.between_um
     arch, size = np.zeros((len(all_sizes), len(points_mm))), np.zeros((draws, len(all_sizes)))
@@ -74,6 +81,6 @@ def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
         low = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
         share = np.clip((at - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
         arch[place], cell[place] = 4.0 * share * (1.0 - share), low
-        # one machine: what one axis hides the others hide too
+        # a single machine: deviations hidden on an axis are hidden on the others too
         size[:, place] = sizes[alike % len(sizes)]
     return Between(arch, cell, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size)

@@ -20,11 +20,13 @@ Scales = tuple[tuple[str, float, float], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basis:
-    """``assumed`` holds the sizes by name, ``tables`` which lengths the tables correct, None where the result does not say.
+    """``assumed`` holds the sizes by name, ``tables`` the lengths that the tables correct, None if
+    the result does not state them.
 
-    ``material_c`` is how warm the machine was, ``scales`` are those that the tables correct, ``other`` those at the other temperature.
-    ``air`` holds the assumed conditions of the air that no sensor measured, by name. ``tool_um`` is what angles may make of a tool
-    tip 100 mm from where the beam met the mirror.
+    ``material_c`` is the machine's temperature, ``scales`` are the scales that the tables correct,
+    ``other`` the scales at the other temperature. ``air`` holds the assumed conditions of the air
+    without a sensor, by name. ``tool_um`` is the effect of angles on a tool tip 100 mm from the
+    place where the beam met the mirror.
     """
 
     assumed: Mapping[str, float]
@@ -62,7 +64,7 @@ def sizes_of(assumed: Assumed) -> dict[str, float]:
 
 
 def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
-    """Return the known scales of the lengths that the tables correct, or those of the others."""
+    """Return the known scales of the lengths that the tables correct, or of the other lengths."""
     entries = lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
     return tuple((axis, one.value, 2.0 * one.u) for axis, one in (entries or {}).items() if one.value is not None and one.u is not None)
 

@@ -16,8 +16,10 @@ PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
     **{f"{'XYZ'[component]}({'xyz'[a]}{'xyz'[b]})": (component, (a, b)) for component in range(3) for a, b in ((0, 1), (0, 2), (1, 2))},
     "Z(yyz)": (2, (1, 1, 2)),
 }
-"""Errors that no function of one axis describes, by name: component, and the axes whose shares of the travel are multiplied. Each is what a
-machine does at the far corner, in um: an axis bends where another carries it further out; a ram sags."""
+"""Errors outside every function of an axis, by name: component, and the axes whose shares of the
+travel are multiplied. Each is the machine's error at the far corner, in um: an axis bends where
+another carries it further out; a ram sags.
+"""
 BEYOND_MM = 1.0
 """So far may a target lie outside of the measured volume: functions are held there."""
 
@@ -42,7 +44,8 @@ class Tabulated(NamedTuple):
 class Smoothed(NamedTuple):
     """As `Tabulated`, bent between the positions: the cubic spline through evenly spaced values, a parabola in its first and last cell.
 
-    Waves of 3.3 increments it leaves by 7 % of their size, a parabola through each value and its neighbours by 22 %.
+    The curve leaves waves of 3.3 increments by 7 % of their size, a parabola through each value and
+    its neighbours by 22 %.
     """
 
     position_mm: Vector
@@ -62,7 +65,9 @@ class Smoothed(NamedTuple):
         return bent
 
     def _curved(self) -> Vector:
-        """Return the second derivative at the positions: values that lie closer to each other in places say no more of it than noise."""
+        """Return the second derivative at the positions: crowded values give no more of it than
+        noise.
+        """
         even_mm = evenly(self.position_mm)
         value = Tabulated(self.position_mm, self.value).at(even_mm)
         inner = np.diff(value, n=2, axis=1) / (even_mm[1] - even_mm[0]) ** 2
@@ -77,7 +82,9 @@ class Smoothed(NamedTuple):
 
 
 def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
-    """Return what `at` does for more machines than positions: what one unit at each position does, times the values."""
+    """Return `at` for more machines than positions: the effect of a unit at each position, times
+    the values.
+    """
     values: Vector = functions.value @ functions._replace(value=np.eye(len(functions.position_mm))).at(points_mm)
     return values
 
@@ -126,10 +133,11 @@ def field_of_um(
 
 
 def error_field_um(result: Result, points_mm: Vector) -> Vector:
-    """Return actual - commanded at points of the machine, shape (N, 3) in um; what is not identified counts as zero.
+    """Return actual - commanded at points of the machine, shape (N, 3) in um; an unidentified error
+    counts as zero.
 
-    Angular functions that were not measured count with what the readings make most likely of them (``result.expected``): they belong
-    to the displacement functions that were found with them.
+    Angular functions that were not measured count with their most likely values by the readings
+    (``result.expected``): they belong to the displacement functions found with them.
     """
     known = {**result.errors, **result.expected}
     functions = {
@@ -141,9 +149,10 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
 
 
 def bend_um(result: Result, points_mm: Vector) -> Vector:
-    """Return what smooth displacement functions do between their values beside the straight line, at points, shape (N, 3).
+    """Return the difference of smooth displacement functions from the straight line between their
+    values, at points, shape (N, 3).
 
-    It is in the machine and not in tables that are straight between the values.
+    The difference is in the machine and not in tables that are straight between the values.
     """
     known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
     parts = []
@@ -179,8 +188,8 @@ def rigid_motions(volume: Volume, points_mm: Vector) -> Vector:
 def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vector:
     """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner where it starts.
 
-    In um, less that of the first, shape (N,). No result used it: it is a check.
-    Raises UsageError for a name that is no diagonal, or distances that leave the measured volume.
+    In um, less the error at the first distance, shape (N,). No result used this error: it is a
+    check. Raises UsageError for an invalid diagonal, or distances that leave the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
         raise UsageError("diagonal", expected=message("one-of", names=BODY_DIAGONALS), found=repr(diagonal))

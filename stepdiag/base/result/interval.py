@@ -1,4 +1,4 @@
-"""A predicted figure as an interval (k = 2), and the one way in which it is written wherever a person reads it."""
+"""A predicted figure as an interval (k = 2), and its only notation for readers."""
 
 import math
 from dataclasses import dataclass

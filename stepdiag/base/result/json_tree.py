@@ -41,7 +41,9 @@ def _encodable(value: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A value in the document and where it stands. Every reader raises ``DataError`` with that place for anything it does not expect."""
+    """A value in the document and its place. Every reader raises ``DataError`` with this place for
+    an unexpected value.
+    """
 
     value: Any
     source: str

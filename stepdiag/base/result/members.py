@@ -22,7 +22,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Software:
-    """Name and version of the program that wrote a result, empty where it does not state them."""
+    """Name and version of the program that wrote a result, empty if not stated."""
 
     name: str = ""
     version: str = ""
@@ -35,7 +35,9 @@ def software() -> Software:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActiveFile:
-    """A file that was active in the control: its name, its hash, when and how it was read out."""
+    """A file that was active in the control: its name, its hash, the time and the way of its
+    reading.
+    """
 
     name: str
     sha256: str
@@ -45,7 +47,8 @@ class ActiveFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A file that the result was solved from: what it is for, its name, and its SHA-256; of a log that of all it says, packed or not.
+    """A file that the result was solved from: its role, its name, and its SHA-256; of a log the
+    SHA-256 of its records, packed or not.
 
     ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A damaged log has no hash.
     """
@@ -57,9 +60,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """Who measured what, when and with what; a text that the survey does not state is empty.
+    """The measurement: operator, object, time and instruments; a text that the survey does not
+    state is empty.
 
-    ``compensation`` while measuring is None where the survey leaves it open; ``active_files`` were active where it was on.
+    ``compensation`` while measuring is None if the survey leaves it open; ``active_files`` were
+    active if it was on.
     """
 
     machine: str = ""
@@ -109,7 +114,7 @@ class Conditions:
 class Judged:
     """A figure beside its tolerance (`base.conformity`): ends of its coverage interval (k = 2), probability of conformity and verdict.
 
-    ``tolerance`` limits the magnitude. What is not identified is None, and not decidable.
+    ``tolerance`` limits the magnitude. A figure that is not identified is None, and not decidable.
     """
 
     quantity: str
@@ -132,7 +137,9 @@ class Conformity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """How the readings fit the model. The closed forms state the standard uncertainty of a reading instead (``noise_um``)."""
+    """Fit of the readings to the model. The closed forms state the standard uncertainty of a
+    reading instead (``noise_um``).
+    """
 
     readings: int | None = None
     used: int | None = None
@@ -171,7 +178,9 @@ class Backlashes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthScale:
-    """The scale of an axis at one temperature with its combined standard uncertainty; both None where it is not identified."""
+    """The scale of an axis at a temperature with its combined standard uncertainty; both None if
+    not identified.
+    """
 
     value: float | None
     u: float | None
@@ -180,7 +189,9 @@ class LengthScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthsReport:
-    """Which lengths the tables correct, and the scales both ways. ``material_c`` is how warm each axis was, None where not measured."""
+    """The lengths that the tables correct, and the scales both ways. ``material_c`` is the
+    temperature of each axis, None without a measurement.
+    """
 
     tables: Lengths
     material_c: Triple | None
@@ -229,7 +240,7 @@ class UnseenSlips:
     runs: Maybe[UnseenSlip] = None
 
     def __iter__(self) -> Iterator[UnseenSlip]:
-        """Yield those that are there."""
+        """Yield the slips present."""
         return (one for one in (self.diagonals, self.runs) if one is not None)
 
 
@@ -285,7 +296,9 @@ class Difference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadStraightness:
-    """A straightness that the 4-DOF head measured, by each reference line; ``misclosure`` above 1 contradicts the diagonals."""
+    """A straightness measured by the 4-DOF head, by each reference line; ``misclosure`` above 1
+    contradicts the diagonals.
+    """
 
     passes: int
     end_point_um: float
@@ -297,6 +310,12 @@ class HeadStraightness:
     sign_hidden: Annotated[bool, OPTIONAL] = False
     used: Annotated[bool, OPTIONAL] = True
     difference_um: Maybe[Difference] = None
+
+
+VOLUME = "volume"
+"""The quantity of the budget that is the error vector over the volume."""
+READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "not measured"
+"""Sources of the budget beside the effects of the adjustment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,9 +337,11 @@ class CoverageFactor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardFigures:
-    """The figures of a standard for one setup, or for a set of diagonals (``_d``), in um, in the symbols of the standard.
+    """The figures of a standard for a setup, or for a set of diagonals (``_d``), in um, in the
+    symbols of the standard.
 
-    A figure that the runs do not give, or that the standard does not have, is None. ``U`` holds expanded uncertainties (k = 2) by figure.
+    A figure that the runs do not give, or that the standard lacks, is None. ``U`` holds expanded
+    uncertainties (k = 2) by figure.
     """
 
     standard: str
@@ -365,7 +386,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MonteCarlo:
-    """How many surveys were drawn (JCGM 101), and how each function or number scatters over them."""
+    """Number of surveys drawn (JCGM 101), and the scatter of each function or number over them."""
 
     trials: int
     quantities: Annotated[dict[str, Drawn], BESIDE]

@@ -1,12 +1,15 @@
-"""How the machine may differ from a result: independent deviations of the whole machine, one standard deviation each.
+"""Possible differences of the machine from a result: independent deviations of the whole machine,
+one standard deviation each.
 
     machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
 
-A mode is a machine of its own: functions and squarenesses that go together because one cause moves them all. What is too small or
-too much alone to need a mode is ``rest``: values that differ each by itself. Every figure of the volume comes from here.
+A mode is a machine of its own: functions and squarenesses that go together because a common cause
+moves them all. A deviation too small or too isolated for a mode is ``rest``: values that differ
+each by itself. Every figure of the volume comes from here.
 
-The last modes belong to causes whose size is not known. Several sizes are equally likely; at each of them the amount of such a mode
-is ``shift + scale z`` instead of z, with a mean square of one over all sizes.
+The last modes belong to causes of unknown size. Several sizes are equally likely; at each of them
+the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all
+sizes.
 """
 
 from collections.abc import Mapping
@@ -20,14 +23,16 @@ from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
 NAMES = frozenset((*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z"))
-"""What differs from the result: functions and squarenesses (ISO 230-1)."""
+"""The quantities that differ from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
 """Numbers of it are written to this many decimals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnknownSize:
-    """How the last modes reach at each of the equally likely sizes: ``scale`` and ``shift``, shapes (sizes, modes)."""
+    """Reach of the last modes at each of the equally likely sizes: ``scale`` and ``shift``, shapes
+    (sizes, modes).
+    """
 
     scale: Vector
     shift: Vector
@@ -82,7 +87,9 @@ class Posterior:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form; numbers that are nothing beside the largest of their row are rounded to it."""
+        """Return the JSON form; numbers that are negligible beside the largest of their row are
+        rounded to it.
+        """
         return {
             "position_mm": dict(self.position_mm),
             "offset": {name: _short(values) for name, values in self.offset.items()},

@@ -1,8 +1,9 @@
-"""What is to be expected of the volume, before and after tables: root mean square and largest error as intervals.
+"""The expected errors of the volume, before and after tables: root mean square and largest error as
+intervals.
 
-Machines are drawn from the posterior of the result, each is measured over the points as an independent check would, and the interval
-holds 97 % of them: all but what lies beyond k = 2 above, and less below (`BELOW`). The same draws serve everything: verify, report,
-page, compare and plan.
+Machines are drawn from the posterior of the result, each is measured over the points as an
+independent check would, and the interval holds 97 % of them: all but the share beyond k = 2 above,
+and less below (`BELOW`). The same draws serve everything: verify, report, page, compare and plan.
 """
 
 from collections.abc import Mapping
@@ -64,7 +65,7 @@ def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector, to
 def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interval:
     """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper.
 
-    ``most`` is a tolerance: the share of draws that does not exceed it stands beside them.
+    ``most`` is a tolerance: the share of draws within it stands beside them.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
@@ -149,9 +150,10 @@ class _Machines(NamedTuple):
         return fields
 
     def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
-        """Return the square sum over all points of what all deviations but the offset move, and of the rigid motions in it, (draws,) each.
+        """Return the square sum over all points of the motion by all deviations but the offset, and
+        of its rigid motions, (draws,) each.
 
-        It is the same before and after a correction.
+        The sums are the same before and after a correction.
         """
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
         return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
@@ -174,10 +176,11 @@ class _Machines(NamedTuple):
         )
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
-        """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.
+        """Return the squared length of the error vector at each point, shape (draws, N), whose mean
+        over all points is that of `figures`.
 
-        Which points the noise of what was found is in more, or what is between the targets is against, no figure of the volume says: each
-        counts with its share of the square.
+        No figure of the volume gives the points of the noise or of the arches between the targets:
+        each point counts with its share of the square.
         """
         fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
         square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
@@ -187,7 +190,9 @@ class _Machines(NamedTuple):
 
 
 def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draws: int) -> _Machines:
-    """Return ``draws`` machines as the posterior has them; one, as it was found, where the result has none."""
+    """Return ``draws`` machines of the posterior; without a posterior a single machine, as
+    found.
+    """
     posterior = result.posterior
     before = error_field_um(result, points_mm) + beside_um
     if posterior is not None:
@@ -209,10 +214,12 @@ def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Ve
 
 
 def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong: along
-    straight lines between the values, and what the smooth curve through them adds to that.
+    """Return the possible error of the part of `_moved` (deviations, N, 3) that the readings
+    determine without a prior: along straight lines between the values, and the addition of the
+    smooth curve through them.
 
-    Angular functions are values expected or given: they are not in it. What is not identified is not either: it was not found.
+    Angular functions are values expected or given: they are not in it. An unidentified quantity is
+    not in it either: it was not found.
     """
     none = np.zeros((1, len(points_mm), 3))
     if posterior is None:
@@ -244,12 +251,13 @@ def _together(amount: Vector) -> Vector:
 
 
 def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
-    """Return the covariance, summed over the points, of two fields of deviations: of the error of everything with that of what is
-    determined without a prior.
+    """Return the covariance, summed over the points, of two fields of deviations: the error of
+    everything with the error of the part determined without a prior.
 
-    That is found with its noise in it: the square sum of what is found is that of machine and noise, and draws around it hold the noise
-    once more. The machine's is therefore below theirs by twice this (the bias of Stein 1956, taken off). ``noise`` and ``moved`` are rows
-    of deviations, ``together`` is the covariance of their amounts.
+    That part is found with its noise: its square sum is that of machine and noise, and draws around
+    it hold the noise once more. The machine's is therefore below theirs by twice this (the bias of
+    Stein 1956, taken off). ``noise`` and ``moved`` are rows of deviations, ``together`` is the
+    covariance of their amounts.
     """
     return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
 
@@ -263,8 +271,8 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
 def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) -> Vector:
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
 
-    ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for all fields. What lies between the targets
-    adds its mean square.
+    ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for
+    all fields. Deviations between the targets add their mean square.
     """
     centre, moved = drawn.whole[0], drawn.whole[1:]
     square = moved_um2 + 2.0 * (amount[:, 1:] @ (moved @ centre)) + centre @ centre
@@ -287,6 +295,7 @@ def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized
     own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
-    # what the modes of unknown size do together at one size beside what each of them does by itself
+    # the common effect of the modes of unknown size at one size beside the effect of each mode
+    # alone
     together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(np.mean(sized.shift**2, axis=0) @ own**2)
     return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between))

@@ -46,8 +46,9 @@ from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector,
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 3
 READABLE_VERSIONS = (1, 2, 3)
-"""Version 1 states in ``u`` the part of the readings alone, and no posterior. In versions 1 and 2 a member that is unknown or damaged is
-left out, in version 3 it is refused."""
+"""Version 1 states in ``u`` the part of the readings alone, and no posterior. In versions 1 and 2
+an unknown or damaged member is left out, in version 3 it is refused.
+"""
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
 ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
@@ -55,9 +56,9 @@ POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _MOST_PASSES = 1000
-"""Of a setup that states how many it has, and not which."""
+"""Most passes of a setup that states their number, and not which."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
-"""A list of numbers: it stands in one line."""
+"""A list of numbers in one line."""
 _NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6
 """Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
@@ -104,14 +105,16 @@ class Scale:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """What a survey says about a machine.
+    """The measured state of a machine.
 
-    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in urad where known), ``expected`` the
-    angular functions that were not measured, as the closure of the readings makes them likely: no measurement, but they belong
-    to the displacement functions that were found beside them. ``posterior`` says how the machine may differ from all this. ``reversal`` the
-    difference approach in + minus approach in - of the same functions, zero at the first position, where out-and-back data give it.
-    ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). Members from ``survey`` on are None where a result
-    does not have them. ``source`` names the result in messages and is not written.
+    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in
+    urad where known), ``expected`` the angular functions that were not measured, at their likely
+    values by the closure of the readings: no measurement, but they belong to the displacement
+    functions found beside them. ``posterior`` holds the possible differences of the machine from
+    all this. ``reversal`` the difference approach in + minus approach in - of the same functions,
+    zero at the first position, where out-and-back data give it. ``setups`` holds the state of each
+    setup (mirror tilt, drift, repeatability). Members from ``survey`` on are None in a result
+    without them. ``source`` names the result in messages and is not written.
     """
 
     volume: Volume
@@ -129,7 +132,7 @@ class Result:
     survey: Facts | None = None
     conditions: Conditions | None = None
     history: tuple[Finding, ...] | None = None
-    """What happened while recording: it is past and hinders nothing."""
+    """Past events of the recording, without effect now."""
     volumetric_u_um: float | None = None
     """Standard uncertainty of the error vector over the volume (rms)."""
     predicted: Predicted | None = None
@@ -151,7 +154,7 @@ class Result:
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
     sources: tuple[Source, ...] | None = None
-    """What it was solved from."""
+    """The sources of the solution."""
     tolerance: dict[str, float] | None = None
     """The largest magnitudes allowed, by quantity (`base.conformity`)."""
     conformity: Conformity | None = None
@@ -211,7 +214,7 @@ class Result:
 
 _FIELDS = fields(Result)
 MEMBERS = {each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]}
-"""The members that a result may have or not, by their names, each with its type."""
+"""The optional members of a result, by their names, each with its type."""
 _ENTRIES = (
     "format", "version", "software", "method", "volume", "chain",
     "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
@@ -268,8 +271,8 @@ def _rounded(value: Any) -> Any:
 def parse_result(text: str, source: str = "result.json") -> Result:
     """Return the result written by ``Result.to_json``.
 
-    Raises ``DataError`` that names the field for anything that is no result of this format and version. Of versions 1 and 2 a member
-    that is unknown or damaged is left out.
+    Raises ``DataError`` that names the field for a result of another format or version. Of versions
+    1 and 2 an unknown or damaged member is left out.
     """
     root = load_json(text, source)
     root.equals("format", FORMAT)
@@ -354,7 +357,7 @@ def _function(node: Node, unit: str) -> Function:
     node.equals("unit", unit)
     node.only(("position_mm", *_NUMBER, "unit", "slope_identified"))
     position = node.child("position_mm").numbers()
-    # an axis that did not travel stands at one position, and has no values
+    # an axis that did not travel stands at a single position, and has no values
     least = 2 if node.child("value").value is not None else 1
     if len(position) < least or np.any(np.diff(position) <= 0):
         node.child("position_mm").refuse(message("two-ascending"))

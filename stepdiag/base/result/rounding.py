@@ -19,10 +19,12 @@ def steady(value: float, decimals: int) -> float:
 
 
 def same_but_for_rounding(one: Any, other: Any, decimals: int) -> bool:
-    """Tell whether two JSON values differ at most by `ANOTHER_PROCESSOR` or by one in the last of ``decimals``, and in nothing else.
+    """Return whether two JSON values differ at most by `ANOTHER_PROCESSOR` or by one in the last of
+    ``decimals``, and in nothing else.
 
-    The kernels of numpy's products change the last bits of a number; readings that hardly tell two unknowns apart make more of them, and
-    where a number lies near the edge between two roundings they push it over: no rounding excludes that.
+    The kernels of numpy's products change the last bits of a number; readings that hardly separate
+    two unknowns amplify them, and near the edge between two roundings they push a number over: no
+    rounding excludes this.
     """
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return list(one) == list(other) and all(same_but_for_rounding(one[key], other[key], decimals) for key in one)

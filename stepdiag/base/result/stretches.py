@@ -1,4 +1,6 @@
-"""Where along an axis tables help and where they could harm: the prediction slab by slab, with the draws of the whole volume's."""
+"""Stretches of an axis where tables help or could harm: the prediction slab by slab, with the draws
+of the whole volume.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,8 +40,8 @@ class Stretch:
 def harmed(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> list[Stretch]:
     """Return the stretches in which the machine is predicted to err more with a correction (N, 3) than without, up to the interval's end.
 
-    Arguments as of `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The worst comes first, and what lies in it is
-    no fault of the other axes: it is left out of theirs.
+    Arguments as of `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
+    worst comes first, and its points count for no other axis.
     """
     before, after = squares_um2(result, points_mm, correction_um, beside_um)
     open_points = np.ones(len(points_mm), dtype=np.bool_)
@@ -56,7 +58,9 @@ def harmed(result: Result, points_mm: Vector, correction_um: Vector, beside_um: 
 def _candidates(
     volume: Volume, points_mm: Vector, before: Vector, after: Vector, among: NDArray[np.bool_]
 ) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
-    """Yield the stretches of every axis that the points ``among`` all show to get worse, and which points lie in each."""
+    """Yield the stretches of every axis whose points ``among`` all get worse, with the points in
+    each.
+    """
     for axis, letter in enumerate(AXES):
         cells = min(volume.increments, MOST_CELLS)
         edges = volume.origin_mm[axis] + volume.size_mm[axis] * np.arange(cells + 1) / cells

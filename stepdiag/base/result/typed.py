@@ -1,7 +1,8 @@
 """The typed members of a result's JSON: frozen dataclasses, written by their fields and read by their annotations.
 
-A member stands in the JSON under its field's name, unless its annotation holds another (`Named`). One that is `OPTIONAL` is left out at its
-default; the entries of a mapping that is `BESIDE` the other members have no object of their own.
+A member stands in the JSON under its field's name, unless its annotation holds another (`Named`).
+An `OPTIONAL` member is left out at its default; the entries of a mapping that is `BESIDE` the other
+members have no object of their own.
 """
 
 from collections.abc import Callable, Mapping

@@ -10,20 +10,27 @@ from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.base.volume import Vector, rms
 
 CURVED = 22.0
-"""What functions of five half waves that fall with their number leave beside the smooth curve through n + 1 targets, over shape / n^3 (root
-mean square over the travel; measured on drawn ones)."""
+"""Residue of functions of five half waves that fall with their number beside the smooth curve
+through n + 1 targets, over shape / n^3 (root mean square over the travel; measured on drawn
+functions).
+"""
 SHORTEST = 0.5
-"""What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
-five increments differ from what their values say by a factor of 1.3 on average."""
+"""Standard deviation of the logarithm of an arch for waves hardly longer than two increments: drawn
+functions of five half waves on five increments differ from the size by their values by a factor of
+1.3 on average.
+"""
 HARMFUL = 0.42
-"""Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
-than three and a half waves on ten increments."""
+"""Largest share of a function off the curve through its values; beyond it the values show little
+between them: more than three and a half waves on ten increments.
+"""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
 FINEST_MM = 1e-3
 """Positions closer than this to a node are its own."""
 _SURE = 2.0
-"""What values say of what lies between them holds within this factor: only what is more was not to be expected."""
+"""Factor within which values predict the waves between them: only a larger wave was not to be
+expected.
+"""
 FEW_VALUES = 6
 """Of a function with so few values the waves are not separated from their bends: half of what is known (in logarithms) is what is usual."""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
@@ -43,10 +50,11 @@ _BENT, _BENT_TWICE = 6.0, 70.0
 
 
 def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return for each displacement function how large waves between its targets may be of which its values show nothing: those that finer
-    runs show of the positioning function of its axis, or, where that was not driven finer, of the others' axes.
+    """Return the size of hidden waves between the targets of each displacement function: by finer
+    runs of the positioning function of its axis, or without such runs, of the others' axes.
 
-    A screw's pitch moves the carriage sideways too. How far it does nobody measured, so that these are usual sizes and no more.
+    A screw's pitch moves the carriage sideways too. The size of this motion is not measured, so
+    these are usual sizes and no more.
     """
     seen = {}
     for name in POSITIONING:
@@ -93,8 +101,9 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
 
 
 def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the functions that may have waves between their targets which could undo a table, and their size as finer runs show it of
-    others, in um."""
+    """Return the functions with possible waves between their targets that could undo a table, and
+    their size as finer runs show it of others, in um.
+    """
     shown = shown_finer_um(errors)
     return {name: shown[name] for name in DISPLACEMENTS if shown[name] > HARMFUL * _shape_um(evenly_spaced(errors[name])) > 0.0}
 

@@ -30,6 +30,7 @@ export function open(commandsExist) {
   place("read-only").hidden = true;
   lock();
   submit("unlock", () => unlock(place("token").value));
+  place("correct").addEventListener("click", () => order("correct", { name: place("operator").value || say("page_user") }));
   for (const name of ["start", "pause", "zero", "certificate", "take"]) place(name).addEventListener("click", () => order(name));
   place("abort").addEventListener("click", abort);
   place("more").addEventListener("click", () => place("more-orders").showModal());
@@ -50,6 +51,8 @@ export function update(snapshot) {
   place("pause").hidden = snapshot.phase === "paused";
   place("start").hidden = snapshot.phase !== "paused" && !snapshot.begins;
   place("take").hidden = snapshot.recording || !snapshot.ahead.further;
+  place("correct").hidden = snapshot.recording || !snapshot.corrects.length;
+  put("correction", snapshot.corrects.length ? say("correction", { changes: snapshot.corrects.join("; ") }) : "");
   place("abort").disabled = !snapshot.recording;
   place("certificate").disabled = snapshot.phase !== "complete";
   for (const name of ["operator", "workpiece"]) {
@@ -102,8 +105,8 @@ export async function order(name, given = {}) {
   if (answer === null) return put("answer", say("disconnected"));
   if (answer.status === 403) return discardToken();
   if (answer.ok) return put("answer", say("done"));
-  const { said } = await answer.json();
-  return put("answer", say("refused", { why: wordsOf(said) }));
+  const { words } = await answer.json();
+  return put("answer", say("refused", { why: wordsOf(words) }));
 }
 
 // Greasy hands press twice: the first press arms for four seconds.

@@ -1,4 +1,4 @@
-// The last ten seconds at full rate: lowest and highest sample of every bin, so that nothing the laser said is left out.
+// The last ten seconds at full rate: lowest and highest sample of every bin, so that no reading of the laser is left out.
 
 import { Curves } from "./curves.js";
 import { put } from "./draw.js";
@@ -9,6 +9,7 @@ const KEEP_S = 10;
 let bins = new Map();
 let curves = null;
 let asked = 0;
+let reach = null; // half the height of the strip in µm while the machine stands: the way to the plateau leaves the picture
 
 export function forget() {
   curves?.forget();
@@ -39,13 +40,15 @@ function draw(oldest, newest, width) {
     if (pair && pair[0] !== null) middle.push((pair[0] + pair[1]) / 2);
   }
   const zero = middle.at(-1) ?? 0;
-  const moving = Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
+  const spread = scatter(newest, width);
+  const moving = spread === null && Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
+  reach = moving || spread === null ? null : Math.max(0.5, 2 * spread);
   const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * (moving ? 1 : 1e3)));
   curves ??= new Curves("strip", { height: 110, xRange: [-KEEP_S, 0], yRange: narrow });
   const unit = moving ? "mm" : "um";
   const labels = { columns: ["time_s", `high_${unit}`, `low_${unit}`], xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
   curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);
-  put("scatter", say("scatter", { um: shown(scatter(newest, width), 2) }));
+  put("scatter", say("scatter", { um: shown(spread, 2) }));
 }
 
 const MOST_UM = 100; // a machine that moves has no scatter
@@ -59,4 +62,4 @@ function scatter(newest, width) {
 }
 
 // A standing machine is looked at through a microscope, a moving one is not.
-const narrow = (_plot, low, high) => (low === null || high - low < 1 ? [-0.5 + ((low ?? 0) + (high ?? 0)) / 2, 0.5 + ((low ?? 0) + (high ?? 0)) / 2] : [low, high]);
+const narrow = (_plot, low, high) => (reach !== null ? [-reach, reach] : low === null || high - low < 1 ? [-0.5 + ((low ?? 0) + (high ?? 0)) / 2, 0.5 + ((low ?? 0) + (high ?? 0)) / 2] : [low, high]);

@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 460.0, 250.0
 SEEN = 1e-3
 """Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""
 NEAR_PX = 6.0
-"""How far from a node a pointer still finds its value."""
+"""Largest distance in px from a node at which a pointer finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
 LETTER_PX = 9.2
 """Of the legend in print, where three drawings stand beside each other and their letters are half as large again."""

@@ -1,4 +1,4 @@
-"""What every figure of the report is: a drawing, and its numbers as CSV."""
+"""A figure of the report: a drawing, and its numbers as CSV."""
 
 import base64
 import csv
@@ -34,7 +34,7 @@ def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def data_link(table: str) -> str:
-    """Return a CSV as a link that holds it."""
+    """Return a link that holds a CSV."""
     return "data:text/csv;charset=utf-8;base64," + base64.b64encode(table.encode()).decode()
 
 

@@ -57,7 +57,9 @@ def field_statistics(errors_um: Vector) -> tuple[float, float]:
 
 
 def volumetric_errors(result: Result, correction: Correction | None, count: int) -> list[Vector]:
-    """Return the error before and, where a correction is given, after it, rigid motion removed, each (count**3, 3) in um."""
+    """Return the error before and, with a correction, after it, rigid motion removed, each
+    (count**3, 3) in um.
+    """
     points = space.lattice_mm(result.volume, count)
     before = error_field_um(result, points)
     fields = [before] if correction is None else [before, before + correction(points)]

@@ -55,7 +55,9 @@ class WireFrame:
         return first
 
     def markup(self) -> str:
-        """Return the frame as seen from `AZIMUTH_DEG`, `ELEVATION_DEG`, with all that a script needs to turn it."""
+        """Return the frame as seen from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the data that a script
+        needs to turn the view.
+        """
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
         parts = [svg.element("path", d=svg.path([at[a], at[b]]), class_=kind, data_ends=f"{a} {b}") for a, b, kind in self.lines]
@@ -135,7 +137,7 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
 
 
 def _key(longest_um: float) -> list[str]:
-    """Return the colour key: one box a shade with the error at which it ends."""
+    """Return the colour key: a box per shade with the error at its end."""
     left = WIDTH - 30.0 * SHADES - 10
     parts = [svg.text("µm", left - 6, HEIGHT - 8, class_="tick", text_anchor="end")]
     for index in range(SHADES):

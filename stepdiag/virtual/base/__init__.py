@@ -1,4 +1,4 @@
-"""What every part of the virtual machine needs: its clock, its ports, its faults.
+"""The common base of the virtual machine's parts: its clock, its ports, its faults.
 
-In: settings. Out: time, open ports, faults that happen when they should. Imported by every room of `virtual`.
+In: settings. Out: time, open ports, faults at their times. Imported by every room of `virtual`.
 """

@@ -1,4 +1,4 @@
-"""Scripted faults: what goes wrong, and when.
+"""Scripted faults and their times.
 
     laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
               laser-baud
@@ -11,8 +11,8 @@
               dwell-longer (so much longer at the stop, in machine seconds),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
-Garbage of a value below 0 is so many bytes that are lost instead.
-A fault strikes once: when the program comes to its place, ``delay_s`` after it; without a place, that long after the bench started.
+Garbage of a value below 0 is a loss of so many bytes instead. A fault strikes once: ``delay_s``
+after the program comes to its place; without a place, ``delay_s`` after the start of the bench.
 """
 
 import threading
@@ -95,7 +95,7 @@ class FaultBoard:
         self._armed = [(fault.delay_s, fault) for fault in faults if not fault.placed]
 
     def inject(self, fault: Fault, wall_s: float) -> None:
-        """Let a fault strike ``delay_s`` after ``wall_s``, or wait for its place if it has one."""
+        """Let a fault strike ``delay_s`` after ``wall_s``, or wait for its place if any."""
         with self._lock:
             if fault.placed:
                 self._waiting.append(fault)
@@ -119,7 +119,7 @@ class FaultBoard:
         return None
 
     def active(self, kind: FaultKind, wall_s: float) -> Fault | None:
-        """Return the fault of that kind that lasts at ``wall_s``."""
+        """Return the fault of this kind that lasts at ``wall_s``."""
         with self._lock:
             for start_s, fault in self._armed:
                 if fault.kind == kind and start_s <= wall_s < start_s + fault.duration_s:
@@ -127,12 +127,14 @@ class FaultBoard:
         return None
 
     def spans(self, kind: FaultKind) -> list[tuple[float, float]]:
-        """Return start and end of every armed fault of that kind, for devices that work in batches of samples."""
+        """Return start and end of every armed fault of this kind, for devices that work in batches
+        of samples.
+        """
         with self._lock:
             return [(start_s, start_s + fault.duration_s) for start_s, fault in self._armed if fault.kind == kind]
 
     def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
-        """Return and use up the faults of that kind that strike once, up to ``wall_s``."""
+        """Return and use up the faults of this kind that strike once, up to ``wall_s``."""
         with self._lock:
             struck = [entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s]
             for entry in struck:

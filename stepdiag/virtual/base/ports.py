@@ -17,10 +17,11 @@ from stepdiag.virtual.base.reserved import reserved_port
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
+"""A full buffer for this time in s means that nothing reads the line."""
 
 
 class Line(Protocol):
-    """What an instrument speaks on. ``name`` is how it is reached; ``fresh`` tells, once, that somebody has just come.
+    """The line of an instrument. ``name`` is its address; ``fresh`` reports a new guest, once.
 
     A ``lossless`` line waits for its reader.
     """
@@ -50,8 +51,8 @@ class Line(Protocol):
 class SerialLine:
     """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged in.
 
-    Nobody reading is like a closed port: old bytes are thrown away, so that whoever opens it later sees the present. A
-    ``lossless`` line waits for its reader instead, for load tests.
+    A line without a reader is like a closed port: old bytes are thrown away, so that a later reader
+    gets the present. A ``lossless`` line waits for its reader instead, for load tests.
     """
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
@@ -74,7 +75,7 @@ class SerialLine:
         return self._master >= 0
 
     def fresh(self) -> bool:
-        """Return that nobody comes: a serial line does not tell."""
+        """Return that no guest is new: a serial line does not report guests."""
         return False
 
     def plug(self) -> None:
@@ -147,7 +148,9 @@ class SerialLine:
 
 
 class TcpLine:
-    """An instrument's TCP port on loopback: one guest at a time, the same port after it was unplugged. Without a guest bytes are lost."""
+    """An instrument's TCP port on loopback: a single guest at a time, the same port after
+    unplugging. Without a guest bytes are lost.
+    """
 
     lossless = False
 
@@ -160,7 +163,7 @@ class TcpLine:
 
     @property
     def name(self) -> str:
-        """Return where it listens, as a survey file names it."""
+        """Return its address, as a survey file names it."""
         return f"socket://127.0.0.1:{self._port}"
 
     @property

@@ -50,10 +50,11 @@ class _Worker(Protocol):
 
 
 class VirtualBench:
-    """A whole machine hall on loopback; use it in a ``with`` statement, or `start` and `close` it.
+    """A whole machine hall on loopback; used in a ``with`` statement, or by `start` and `close`.
 
-    ``directory`` is where relative links of serial lines appear. ``tell`` is called from a worker thread with one event each when a setup
-    begins, when it waits for its start and when the program is over.
+    ``directory`` is where relative links of serial lines appear. ``tell`` is called from a worker
+    thread with an event when a setup begins, when it waits for its start and when the program is
+    over.
     """
 
     def __init__(self, config: BenchConfig, directory: Path, *, tell: Tell | None = None) -> None:
@@ -104,9 +105,10 @@ class VirtualBench:
         self.close()
 
     def start_setup(self, again: str = "") -> None:
-        """Begin the next setup, or drive a named one again before it, as the operator does at the control.
+        """Begin the next setup, or drive a named setup again before it, as the operator does at the
+        control.
 
-        Raises ValueError for a setup that is not in the program.
+        Raises ValueError for a setup outside the program.
         """
         if again and again not in self._plan.setups:
             raise ValueError(f"expected a setup of {', '.join(self._plan.setups)}, found {again!r}")

@@ -128,7 +128,7 @@ def shifted_setups(config: BenchConfig) -> dict[str, tuple[float, float, float]]
 
 
 def build_plan(config: BenchConfig) -> Plan:
-    """Return what is driven; raises ValueError for a setup that nobody knows."""
+    """Return the plan to drive; raises ValueError for an unknown setup."""
     program = config.program
     setups = (*program.setups, *shifted_setups(config))
     for setup in setups:
@@ -166,7 +166,7 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
 
 
 def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setup]:
-    """Return the function that sets laser and target up for a setup by its name, each once."""
+    """Return the function that sets laser and target up for a setup by its name, once per setup."""
     box = build_box(config)
     built: dict[str, Setup] = {}
 
@@ -179,7 +179,7 @@ def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setu
 
 
 def head_builder(config: BenchConfig, part: HeadPart, machine: Machine) -> Callable[[str], VirtualHead]:
-    """Return the function that stands the 4-DOF head up for a run along an axis, each once.
+    """Return the function that stands the 4-DOF head up for a run along an axis, once per run.
 
     The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z for a beam along +X, -X and
     +Z along +Y, +X and +Y along +Z.
@@ -220,7 +220,9 @@ def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What an instrument feels beside its beam: the air and material around it, and whether the stop relay is closed at wall times."""
+    """The surroundings of an instrument beside its beam: the air and material around it, and
+    whether the stop relay is closed at wall times.
+    """
 
     climate: AskClimate
     stopped: Callable[[Array], Flags]

@@ -37,12 +37,14 @@ class OffsetPart(_Part, frozen=True):
 
 
 class ProgramPart(_Part, frozen=True):
-    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or on command.
+    """The program driven; machine seconds. ``start`` is the beginning of a setup: after
+    ``pause_s``, or on command.
 
-    ``decimals`` are the places to which a hand-written program rounds its positions; an ``incremental`` one (G91) rounds its steps.
-    ``overrun_mm`` 0 turns round at the last stop; without ``first_overrun`` the first pass of a setup alone begins without overrun.
-    A ``patient`` machine moves and dwells until the recorder has looked at it for most of that without a break
-    (`stepdiag.virtual.plc.attention`).
+    ``decimals`` are the places to which a hand-written program rounds its positions; an
+    ``incremental`` program (G91) rounds its steps. ``overrun_mm`` 0 turns round at the last stop;
+    without ``first_overrun`` the first pass of a setup alone begins without overrun. A ``patient``
+    machine moves and dwells until the recorder has looked at it for most of this time without a
+    break (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -72,9 +74,10 @@ class TablePart(_Part, frozen=True):
 class MachinePart(_Part, frozen=True):
     """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by a table.
 
-    ``repeatability_um`` and ``servo_um`` are standard deviations of one arrival of one axis (`stepdiag.virtual.drive.player.Drive`).
-    ``screw_um`` is the amplitude of a periodic error of each axis with the period ``screw_pitch_mm``, its phase drawn by the seed.
-    ``growth_um_m`` is what each axis grows by in the end, from its bearing at ``growth_bearing_mm``, with the time constant
+    ``repeatability_um`` and ``servo_um`` are standard deviations of an arrival of an axis
+    (`stepdiag.virtual.drive.player.Drive`). ``screw_um`` is the amplitude of a periodic error of
+    each axis with the period ``screw_pitch_mm``, its phase drawn by the seed. ``growth_um_m`` is
+    the final growth of each axis, from its bearing at ``growth_bearing_mm``, with the time constant
     ``growth_tau_s``; the machine had run for ``growth_begun_s`` when the bench starts.
     """
 
@@ -116,7 +119,9 @@ class HallPart(_Part, frozen=True):
 
 
 class AlignmentPart(_Part, frozen=True):
-    """How well laser and mirror are aligned: angles of these sizes in directions drawn by the seed, for every setup anew."""
+    """Alignment of laser and mirror: angles of these sizes in directions drawn by the seed, for
+    every setup anew.
+    """
 
     mirror_mrad: float = 0.0
     beam_mrad: float = 0.0
@@ -127,9 +132,11 @@ class AlignmentPart(_Part, frozen=True):
 
 
 class LaserPart(_Part, frozen=True):
-    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears, for ``wire = "serial"``.
+    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is the place of the
+    port, for ``wire = "serial"``.
 
-    ``chunk_s`` is how long the adapter holds bytes back: the latency timer of an FTDI chip, as it is when nobody has set it.
+    ``chunk_s`` is the time for which the adapter holds bytes back: the latency timer of an FTDI
+    chip in its factory setting.
     """
 
     format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"] = "umd"
@@ -172,7 +179,9 @@ class HeadPart(_Part, frozen=True):
 
 
 class AirPart(_Part, frozen=True):
-    """A sensor of air and material: a PTU300 that is asked, or a logger that speaks by itself, on a pty or a TCP port."""
+    """A sensor of air and material: a PTU300 that is asked, or a logger that sends by itself, on a
+    pty or a TCP port.
+    """
 
     format: Literal["ptu300", "logger"] = "ptu300"
     wire: Literal["serial", "tcp"] = "serial"
@@ -227,7 +236,7 @@ class BenchConfig(_Part, frozen=True):
 
 
 def load_config(text: str) -> BenchConfig:
-    """Return the bench that a TOML text describes; raises ValueError naming the field that is wrong."""
+    """Return the bench described by a TOML text; raises ValueError naming the wrong field."""
     return msgspec.convert(tomllib.loads(text), BenchConfig)
 
 

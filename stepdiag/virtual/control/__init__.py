@@ -1,4 +1,4 @@
 """Controls that load compensation files, each by its own law.
 
-In: files. Out: what the control adds to a command. Imported by bench.
+In: files. Out: the control's addition to a command. Imported by bench.
 """

@@ -1,4 +1,6 @@
-"""A compensation table as every control holds it in the end: a curve over one axis that moves another (or the same) axis."""
+"""A compensation table in the common form of all controls: a curve over one axis that moves another
+(or the same) axis.
+"""
 
 from dataclasses import dataclass
 
@@ -9,11 +11,13 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTable:
-    """What the control adds to ``output_axis`` (0, 1, 2) at a position of ``input_axis``; end values are held outside.
+    """The control's addition to ``output_axis`` (0, 1, 2) at a position of ``input_axis``; end
+    values are held outside.
 
-    ``correction_mm`` moves the axis in + where it is positive, whatever the sense of the file was. ``travel`` is +1 or -1 for a table
-    that acts in one direction of the input axis only, 0 for both. ``stepped`` holds each value up to the next point
-    instead of interpolating. ``factor`` is a second table whose value is multiplied in.
+    A positive ``correction_mm`` moves the axis in +, whatever the sense of the file was. ``travel``
+    is +1 or -1 for a table that acts in a single direction of the input axis, 0 for both.
+    ``stepped`` holds each value up to the next point instead of interpolating. ``factor`` is a
+    second table whose value is multiplied in.
     """
 
     input_axis: int

@@ -1,6 +1,7 @@
 """A virtual ISG kernel with volumetric compensation: ISG_CSV files (TF5280, 296429067), values in mm and rad (296426379).
 
-Position errors have one row and no argument, functions a row for each position of their axis; ``#`` begins another heading.
+Position errors have one row and no argument, functions a row per position of their axis; ``#``
+begins another heading.
 """
 
 import numpy as np

@@ -16,10 +16,12 @@ SQUARENESS_TURNS = {"C0Y": (1, 2), "B0Z": (2, 1), "A0Z": (2, 0)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainTable:
-    """Functions by their ISO 230-1 names and squarenesses in rad; the tool is moved by the opposite of what they say.
+    """Functions by their ISO 230-1 names and squarenesses in rad; the tool is moved by their
+    opposite.
 
-    ``carries``: a leaning axis turns what it carries too, otherwise it leans alone. ``before_travel``: the errors of every axis stand
-    nearer to the tool than its travel, whichever side of the bed it is on. ``negated`` are output axes whose movement is turned round.
+    ``carries``: a leaning axis also turns the axes and parts that it carries, otherwise it leans
+    alone. ``before_travel``: the errors of every axis stand nearer to the tool than its travel, on
+    either side of the bed. ``negated`` are output axes whose movement is turned round.
     """
 
     chain: str

@@ -21,13 +21,13 @@ _COMP_SUFFIXES = (".comp", ".dat", ".txt")
 
 
 def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> Sequence[Acting]:
-    """Return the tables that act after all ``files`` have been loaded into a control of that make.
+    """Return the tables that act after all ``files`` have been loaded into a control of this make.
 
-    A LinuxCNC screw file belongs to the axis that its name tells (``screw_x.comp``, ``compX.dat``); a ``.hal`` file sets the
-    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. A Beckhoff gets its ``chain``, a Heidenhain reads it in
-    the rows of the kinematics table (``.txt``). Options of a control (measuring system, detection unit) are arguments of `load_siemens`,
-    `load_fanuc`.
-    Raises ValueError for contents that the control would refuse.
+    A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``); a
+    ``.hal`` file sets the matrix kinematics, a ``.csv`` is the lattice of the kinematics component.
+    A Beckhoff gets its ``chain``, a Heidenhain reads it in the rows of the kinematics table
+    (``.txt``). Options of a control (measuring system, detection unit) are arguments of
+    `load_siemens`, `load_fanuc`. Raises ValueError for contents refused by the control.
     """
     large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
     if large:

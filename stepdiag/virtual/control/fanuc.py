@@ -45,7 +45,9 @@ class _Memory:
         return round(float(self._word(number, axis)))
 
     def length_mm(self, number: int, axis: int, least_input_mm: float) -> float:
-        """Return a length: with a decimal point it is in mm, without one in least input units (older controls)."""
+        """Return a length: with a decimal point in mm, without in least input units (older
+        controls).
+        """
         word = self._word(number, axis)
         return float(word) if "." in word else int(word) * least_input_mm
 

@@ -18,7 +18,8 @@ _MACHINE_AXIS = re.compile(r"MachAxis\s+(\S+)")
 
 
 def load_tables(tables: Mapping[str, str], lines: str = "", *, axis_names: Mapping[str, str]) -> ChainTable:
-    """Return what the .COM texts do, by the name of the axis that the .CMA line gives each; ``lines`` are rows of the kinematics table.
+    """Return the effect of the .COM texts, by the axis name of each in the .CMA line; ``lines`` are
+    rows of the kinematics table.
 
     ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain plays no part: no turn acts.
     """

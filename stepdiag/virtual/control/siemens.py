@@ -38,10 +38,11 @@ class _Memory:
 
 
 class SiemensControl:
-    """A control that keeps what was loaded: what a later file does not write stays as an earlier one left it.
+    """A control that keeps loaded values: a value that a later file does not write stays.
 
-    Only EEC tables of ``measuring_system`` act. A table that was switched off does not act; one that no text ever switched is taken as
-    loaded into a control where the compensation is on. ``adds_linked``: see `_cross_tables`.
+    Only EEC tables of ``measuring_system`` act. A table that was switched off does not act; a table
+    that no text ever switched is taken as loaded into a control with the compensation on.
+    ``adds_linked``: see `_cross_tables`.
     """
 
     def __init__(self, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None, adds_linked: bool = False) -> None:

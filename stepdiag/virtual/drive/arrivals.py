@@ -1,7 +1,9 @@
-"""How the axes come to the stops of a pass: from which side, how far each arrival misses, and what the registers show of it.
+"""Arrivals of the axes at the stops of a pass: their side, their errors, and the effect on the
+registers.
 
-An axis that does not move keeps its place. Each move of an axis draws one error of arrival along that axis, and all stops see it until
-the axis moves again. It moves the tool; a laser sees its component along the beam.
+An axis that does not move keeps its place. Each move of an axis draws an error of arrival along
+this axis, and all stops see the error until the axis moves again. The error moves the tool; a laser
+sees its component along the beam.
 """
 
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 Three = tuple[float, float, float]
 _MOVED_MM = 1e-9
+"""A smaller change of a commanded position is rounding and no move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,10 +29,11 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositionRegisters:
-    """What the position registers of the control show at a stop.
+    """The position registers of the control at a stop.
 
-    ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the standard deviation of what an actual
-    position scatters by from reading to reading although the axis stands; ``resolution_mm`` is the last digit, 0 for none.
+    ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the
+    standard deviation of an actual position from reading to reading although the axis stands;
+    ``resolution_mm`` is the last digit, 0 for none.
     """
 
     shows: Literal["commanded", "actual"] = "commanded"
@@ -48,7 +52,9 @@ class PositionRegisters:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where the axes stand, all (3,): the commanded position, the sign of each axis' last movement, and the errors of the arrival in um."""
+    """State of the axes at a stand, all (3,): the commanded position, the sign of each axis' last
+    movement, and the errors of the arrival in um.
+    """
 
     position_mm: Array
     side: Array
@@ -92,14 +98,18 @@ def arrivals(
 
 
 def _first_move(driven: DrivenPass, before: Standing, *, overrun: bool) -> Array:
-    """Return the sign of each axis' movement to the first stop, 0 for an axis that does not move, shape (3,)."""
+    """Return the sign of each axis' movement to the first stop, 0 for a standing axis, shape
+    (3,).
+    """
     way = driven.stop_mm[0] - before.position_mm
     straight: Array = np.where(np.abs(way) > _MOVED_MM, np.sign(way), 0.0)
     return np.where(driven.approach != 0.0, driven.approach, straight) if overrun else straight
 
 
 def _held(drawn: Array, moved: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], before: Array) -> Array:
-    """Return the value drawn at the last move of each axis, ``before`` where it has not moved yet, shape (M, 3)."""
+    """Return the value drawn at the last move of each axis, ``before`` until its first move, shape
+    (M, 3).
+    """
     last = np.maximum.accumulate(np.where(moved, np.arange(len(moved))[:, None], -1), axis=0)
     return np.where(last >= 0, np.take_along_axis(drawn, np.maximum(last, 0), axis=0), before)
 

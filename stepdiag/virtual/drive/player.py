@@ -17,7 +17,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 _HISTORY = 512
 _HELD_S = 0.1
-"""How much longer a step lasts that is held, before it is asked about again."""
+"""Time in s by which a held step is prolonged before the next question."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -52,10 +52,12 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """How the axes move: trapezoidal speed, then a decaying ring of the structure, over a hum that never stops.
+    """Motion of the axes: trapezoidal speed, then a decaying ring of the structure, over a
+    permanent hum.
 
-    Each move of an axis draws one error of arrival along that axis (standard deviations): ``repeatability_um`` is beyond the encoder,
-    ``servo_um`` is the position error at standstill, which the encoder sees.
+    Each move of an axis draws an error of arrival along this axis (standard deviations):
+    ``repeatability_um`` is beyond the encoder, ``servo_um`` is the position error at standstill,
+    which the encoder sees.
     """
 
     feed_mm_min: float = 2000.0
@@ -158,7 +160,9 @@ class Player:
             self._captured = (stop_count, at_s)
 
     def forget_captured(self) -> None:
-        """Lose the handshake, as a PLC that starts again: a dwell that is not over waits for it anew."""
+        """Lose the handshake, like a PLC that restarts: a running dwell waits for a new
+        handshake.
+        """
         with self._lock:
             self._captured, last = None, self._segments[-1]
             if self._handshake and last.step.kind == "dwell" and last.end_s > self._now_s:
@@ -184,7 +188,7 @@ class Player:
         return self._segments[0]
 
     def _decide_end(self, segment: Segment) -> None:
-        """End a segment that waits for somebody who has meanwhile come, and go on with one that is held."""
+        """End a segment whose awaited event has come, and go on with a held segment."""
         step = segment.step
         if segment.end_s != math.inf:
             if segment.end_s <= self._now_s and self._held(segment):

@@ -17,12 +17,13 @@ _GAP_S = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What the control does next.
+    """The next step of the control.
 
-    A move ends at ``target_mm`` (3,); dwells and pauses stay where they are.
-    ``duration_s`` holds for those, infinite until somebody starts the program. ``counts`` is what the stop adds to the
-    stop counter; a stop that is not ``signalled`` happens without a word. ``setup`` is empty between two programs, ``pass_number`` is 0
-    before the first pass; during an ``alarm`` the program does not run.
+    A move ends at ``target_mm`` (3,); dwells and pauses stay where they are. ``duration_s`` holds
+    for dwells and pauses, infinite until the program is started. ``counts`` is the stop's addition
+    to the stop counter; a stop that is not ``signalled`` happens silently. ``setup`` is empty
+    between two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the
+    program does not run.
     """
 
     kind: Literal["move", "dwell", "pause"]
@@ -40,10 +41,12 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What to drive: setups in order, ``passes`` of each, odd ones outward. ``pause_s`` None waits for a start each time.
+    """The plan of the drive: setups in order, ``passes`` of each, odd passes outward. ``pause_s``
+    None waits for a start each time.
 
-    ``overrun_mm`` is how far the program goes beyond the first stop of a pass, so that every axis comes to it in the direction of the pass;
-    without ``first_overrun`` it does so at the turns only, not before the first pass of a setup.
+    ``overrun_mm`` is the way beyond the first stop of a pass, so that every axis comes to this stop
+    in the direction of the pass; without ``first_overrun`` the program overruns at the turns only,
+    not before the first pass of a setup.
     """
 
     box: Box
@@ -55,7 +58,9 @@ class Plan:
     first_overrun: bool = True
     pause_s: float | None = 2.0
     commission_s: tuple[float, float, float] | None = None
-    """Where the first pass of a run of the head commissions it on its way: how long it stands at a jog, wobbled and without light."""
+    """Times in s for which the first pass of a run of the head stands at a jog, wobbled and without
+    light, to commission the head on its way.
+    """
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
@@ -66,7 +71,7 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
 
 
 def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
-    """Yield the steps of one setup driven once more, and the wait after it."""
+    """Yield the steps of a setup driven again, and the wait after it."""
     yield from _setup_steps(plan, setup, faults)
     yield Step(kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False)
 
@@ -87,7 +92,7 @@ def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
 
 
 def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
-    """Overrun a stop, so that every axis comes to it in the direction of the pass."""
+    """Overrun a stop, so that every axis arrives in the direction of the pass."""
     before = _before(driven, stop, plan.overrun_mm)
     place = Step(kind="move", target_mm=before, setup=driven.setup, pass_number=driven.number)
     yield place

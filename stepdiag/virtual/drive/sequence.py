@@ -1,4 +1,6 @@
-"""Where the virtual NC program drives: the box, its diagonals and lines, and the stops in the order they are visited."""
+"""The path of the virtual NC program: the box, its diagonals and lines, and the stops in the order
+of driving.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ REGISTER_OF_SETUP = {
     "linear-x": 11, "linear-y": 12, "linear-z": 13,
     "fourdof-x": 21, "fourdof-y": 22, "fourdof-z": 23,
 }  # fmt: skip
-"""What the machine says in its ``setup`` register (contract 2)."""
+"""Values of the machine's ``setup`` register (contract 2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

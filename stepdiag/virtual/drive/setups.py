@@ -14,11 +14,12 @@ from stepdiag.virtual.physics.optics import Beam, CornerCube, Figure, PlaneMirro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alignment:
-    """What is not perfect about a set-up.
+    """Imperfections of a set-up.
 
-    ``mirror_mrad`` leans the mirror's normal and ``beam_mrad`` the beam away from the machine's diagonal or axis, each
-    towards the level and the upright perpendicular of that direction. ``beam_offset_mm`` shifts the beam line from the first commanded
-    position; ``target_mm`` is where the mirror's pole or the cube's vertex sits, in the tool's coordinates. ``standoff_mm`` is
+    ``mirror_mrad`` leans the mirror's normal and ``beam_mrad`` the beam away from the machine's
+    diagonal or axis, each towards the level and the upright perpendicular of this direction.
+    ``beam_offset_mm`` shifts the beam line from the first commanded position; ``target_mm`` is the
+    place of the mirror's pole or the cube's vertex in the tool's coordinates. ``standoff_mm`` is
     the dead path between interferometer and target at the first stop.
     """
 
@@ -63,10 +64,11 @@ def _mirror(direction: Array, how: Alignment) -> Target:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPass:
-    """The readings of one pass as columns: positions (as the registers show them) and readings in mm, relative to the pass's first stop.
+    """The readings of a pass as columns: positions (by the registers) and readings in mm, relative
+    to the pass's first stop.
 
-    ``first_mm`` is the count at that stop: passes of one set-up whose beam is not broken share its zero. ``end`` is where the axes stand
-    after the pass.
+    ``first_mm`` is the count at the first stop: passes of a set-up with an unbroken beam share its
+    zero. ``end`` is the place of the axes after the pass.
     """
 
     setup: str
@@ -83,11 +85,13 @@ class SimulatedPass:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """How a pass is taken.
+    """Conditions of a pass.
 
-    White noise of ``noise_um`` (standard deviation) on each reading, drawn by ``seed``, and when. ``scatter`` is how the axes miss their
-    targets, ``registers`` what the control shows as position. ``before`` is where the axes stood before the pass, ``overrun`` whether they
-    come to its first stop in the direction of the pass (`stepdiag.virtual.drive.arrivals`).
+    White noise of ``noise_um`` (standard deviation) on each reading, drawn by ``seed``, and the
+    time. ``scatter`` is the scatter of the axes about their targets, ``registers`` the control's
+    display of the position. ``before`` is the place of the axes before the pass, ``overrun``
+    whether they come to its first stop in the direction of the pass
+    (`stepdiag.virtual.drive.arrivals`).
     """
 
     noise_um: float = 0.0

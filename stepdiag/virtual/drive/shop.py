@@ -1,4 +1,6 @@
-"""A shop that measures a machine: its program, its instruments, its hall; and the whole survey that it drives, as columns."""
+"""A shop that measures a machine: its program, its instruments, its hall; and its whole survey, as
+columns.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -17,16 +19,19 @@ from stepdiag.virtual.physics.ordinary import OrdinaryMachine
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")
 RUNS = ("linear-x", "linear-y", "linear-z")
 Overrun = Literal["always", "turns", "never"]
-"""Where the program overruns: at every first stop; at the turns between passes, but not before the first pass of a setup; nowhere."""
+"""Overruns of the program: at every first stop; at the turns between passes, but not before the
+first pass of a setup; nowhere.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beam:
-    """What a laser reads besides the machine.
+    """Errors of a laser's readings beside the machine.
 
-    ``noise_um``: sensor noise and vibration, one draw for each stop. ``drift_um``: standard deviation of the straight drift over one pass;
-    ``wander_um``: of a random walk at the end of one pass. ``index``: relative error of the wavelength, one for the survey;
-    ``index_setup``: one more for each setup. ``largest_mrad``: largest tilt of mirror and beam.
+    ``noise_um``: sensor noise and vibration, a draw per stop. ``drift_um``: standard deviation of
+    the straight drift over a pass; ``wander_um``: of a random walk at the end of a pass. ``index``:
+    relative error of the wavelength, a draw per survey; ``index_setup``: a further draw per setup.
+    ``largest_mrad``: largest tilt of mirror and beam.
     """
 
     noise_um: float = 0.3
@@ -39,11 +44,12 @@ class Beam:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shop:
-    """How a survey is driven.
+    """Conditions of a survey.
 
-    ``passes`` of each setup, odd ones outward. ``one_count``: the beam is unbroken from pass to pass of a setup. ``thermometer``: the
-    readings carry the material temperature. ``setup_c``: standard deviation of what the material temperature changes by between setups
-    without being seen. ``seed`` draws all that is random during the survey.
+    ``passes`` of each setup, odd passes outward. ``one_count``: the beam is unbroken from pass to
+    pass of a setup. ``thermometer``: the readings carry the material temperature. ``setup_c``:
+    standard deviation of the unseen change of the material temperature between setups. ``seed``
+    draws all random values of the survey.
     """
 
     box: Box
@@ -87,7 +93,9 @@ class DrivenSurvey:
 
 @dataclass(frozen=True, slots=True)
 class _Taken:
-    """One pass as it was taken: its count in mm from the zero of the setup's count, and what the material was warmer by, unseen."""
+    """A pass as measured: its count in mm from the zero of the setup's count, and the unseen rise
+    of the material's temperature.
+    """
 
     one: SimulatedPass
     count_mm: Array

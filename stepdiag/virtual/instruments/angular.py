@@ -1,4 +1,6 @@
-"""Instruments that tell angles: an autocollimator before a mirror on the tool, a level on it; what they say on the wire."""
+"""Instruments of angles: an autocollimator before a mirror on the tool, a level on the tool; their
+output on the wire.
+"""
 
 from collections.abc import Callable
 
@@ -16,13 +18,15 @@ ARCSEC_RAD = np.pi / 180.0 / 3600.0
 Look = Callable[[Array], Array]
 """Wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the axis that runs, (N, 4); NaN outside of its own runs."""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
-"""The two rotations that an autocollimator along an axis sees, the upright one first."""
+"""The two rotations that an autocollimator along an axis sees, the upright rotation first."""
 LEVEL = {0: 0, 1: 1, 2: 0}
 """The rotation that a level across an axis shows."""
 
 
 class AngleView:
-    """What stands on the tool turns with it, seen while the instrument's own runs are driven."""
+    """The turn of the tool with its mirror or level, seen while the instrument's own runs are
+    driven.
+    """
 
     def __init__(self, machine: Machine, player: Player, drive: Drive, *, clock: Clock, stand: Stand, seed: int) -> None:
         self._machine = machine
@@ -68,7 +72,9 @@ class Autocollimator(Counting):
         return b""
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return one line a sample; a status without a valid axis where no mirror is before it."""
+        """Return a line per sample; a status without a valid axis if no mirror is before the
+        instrument.
+        """
         return b"".join(map(self._line, self._look(wall_s))) if self._streams else b""
 
     def _line(self, seen: Array) -> bytes:
@@ -95,4 +101,4 @@ class Level:
         return f"1 {angle:+.3f} 2 {20.5:+.2f}\r".encode("ascii")
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: nobody misses what it measured meanwhile."""
+        """Do nothing: unread measurements have no effect."""

@@ -2,7 +2,9 @@
 
 
 class Counting:
-    """The counter of such an instrument (`talker.Talking`): it begins at 0, and samples that nobody hears count too."""
+    """The counter of such an instrument (`talker.Talking`): it begins at 0, and unread samples
+    count too.
+    """
 
     def __init__(self) -> None:
         self._counter = 0

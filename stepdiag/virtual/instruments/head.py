@@ -39,11 +39,12 @@ class Wander:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotDetector:
-    """How a detector stands and counts.
+    """Mounting and scale of a detector.
 
-    ``sign`` per axis is what fold mirrors and splitters make of right and up, ``rotation_mrad`` its roll, x towards y, ``gain`` that of
-    its differences. As parts of the full sum: ``noise`` of difference and sum, what both read without light (``dark``), and the
-    ``ceiling`` beyond which the electronics count no sum.
+    ``sign`` per axis is the effect of fold mirrors and splitters on right and up, ``rotation_mrad``
+    its roll, x towards y, ``gain`` the gain of its differences. As parts of the full sum: ``noise``
+    of difference and sum, both without light (``dark``), and the ``ceiling`` beyond which the
+    electronics count no sum.
     """
 
     sign: Pair = (1.0, 1.0)
@@ -103,7 +104,9 @@ class HeadOptics:
 
 @dataclass(frozen=True, slots=True)
 class HeadStand:
-    """Where the fixed unit stands: ``source_mm`` and three unit vectors, all (3,): ``beam``, and right and up of the detectors."""
+    """The place of the fixed unit: ``source_mm`` and three unit vectors, all (3,): ``beam``, and
+    right and up of the detectors.
+    """
 
     source_mm: Array
     beam: Array
@@ -122,7 +125,9 @@ class HeadStand:
 
 @dataclass(frozen=True, slots=True)
 class Spots:
-    """Where the light arrives, in mm, (N, 2) each: on the QD's plane and in the focal planes; ``path_mm`` (N,) to the QD."""
+    """The spots of the light, in mm, (N, 2) each: on the QD's plane and in the focal planes;
+    ``path_mm`` (N,) to the QD.
+    """
 
     qd_mm: Array
     psd1_mm: Array
@@ -132,9 +137,10 @@ class Spots:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What spoils the beam: the source's pointing (urad) and air that bends it on its way out and back (urad per metre).
+    """Disturbances of the beam: the source's pointing (urad) and air that bends the beam on its way
+    out and back (urad per metre).
 
-    ``wobble_urad`` is the pointing by the hand of somebody who commissions the head, while he does so.
+    ``wobble_urad`` is the pointing by hand during the commissioning of the head.
     """
 
     pointing_urad: Wander = field(default_factory=Wander)
@@ -143,10 +149,11 @@ class Disturbance:
 
 
 class VirtualHead:
-    """Fixed unit and moving unit, aligned so that all spots are centred at ``aligned`` (one pose) and no disturbance.
+    """Fixed unit and moving unit, aligned so that all spots are centred at ``aligned`` (a pose)
+    without disturbance.
 
-    ``vertex_mm`` is the corner cube's vertex in the coordinates of the frame that carries the moving unit. The half mirror
-    faces the beam at the aligned pose.
+    ``vertex_mm`` is the corner cube's vertex in the coordinates of the frame of the moving unit.
+    The half mirror faces the beam at the aligned pose.
     """
 
     def __init__(

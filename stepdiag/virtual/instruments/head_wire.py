@@ -1,4 +1,6 @@
-"""What heads say on the wire: `fourdof` frames (docs/fourdof-frames.md) and the Thorlabs quadrant detector (APT messages)."""
+"""Output of heads on the wire: `fourdof` frames (docs/fourdof-frames.md) and the Thorlabs quadrant
+detector (APT messages).
+"""
 
 import struct
 from collections.abc import Callable

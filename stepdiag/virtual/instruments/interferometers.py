@@ -29,7 +29,9 @@ AskClimate = Callable[[], Climate]
 
 
 class Ids3010:
-    """The IDS3010's JSON-RPC: one object a request, one line ended by CR LF an answer; displacement in pm, contrast in per mille."""
+    """The IDS3010's JSON-RPC: an object per request, a line ended by CR LF per answer; displacement
+    in pm, contrast in per mille.
+    """
 
     def __init__(self, climate: AskClimate, *, axis: int = 1, contrast: int = 800) -> None:
         self._climate = climate

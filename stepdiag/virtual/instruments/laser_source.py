@@ -17,10 +17,11 @@ Read = Callable[[Array], tuple[Array, Flags]]
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
+"""A returning beam is off by a random number of fringes, each a quarter of the wavelength."""
 
 
 class Display(Protocol):
-    """An instrument that answers requests with what it reads at that moment."""
+    """An instrument that answers requests with its present reading."""
 
     def requests(self, received: bytes) -> list[bytes]: ...
 
@@ -28,10 +29,11 @@ class Display(Protocol):
 
 
 class Counter:
-    """What an interferometer makes of the optical path: a count from zero that a lost beam ruins for good.
+    """The count of an interferometer from the optical path: from zero, spoilt for good by a lost
+    beam.
 
-    While the beam is away the count stands; when it returns the count goes on from there, off by the way lost and by a random
-    number of fringes.
+    While the beam is away the count stands; on its return the count goes on from this value, off by
+    the way lost and by a random number of fringes.
     """
 
     def __init__(self, *, sign: int = 1, noise_um: float = 0.0, seed: int = 0) -> None:
@@ -93,7 +95,9 @@ class _Sampler:
         self._was_frozen = False
 
     def sample(self, wall_s: Array) -> tuple[Array, Flags]:
-        """Return the readings that the instrument has at these wall times, and whether it saw the beam."""
+        """Return the readings of the instrument at these wall times, and whether it saw the
+        beam.
+        """
         for _ in self._faults.due("laser-reset", float(wall_s[-1])):
             self._counter.zero()
         for fault in self._faults.due("laser-jump", float(wall_s[-1])):
@@ -105,7 +109,7 @@ class _Sampler:
         return self._as_sent(self._counter.count(indicated, beam), then_s), beam
 
     def _as_sent(self, reading: Array, then_s: Array) -> Array:
-        """Return what the instrument sends: while it is frozen, the value it froze at."""
+        """Return the instrument's output: while frozen, its last value."""
         frozen = np.zeros(len(then_s), dtype=np.bool_)
         for start_s, end_s in self._faults.spans("laser-frozen"):
             frozen |= (then_s >= start_s) & (then_s < end_s)

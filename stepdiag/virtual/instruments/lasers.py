@@ -1,4 +1,5 @@
-"""What lasers say on the wire: uMD boards, Heidenhain displays, any ASCII line. Bytes out, no input or output.
+"""Output of lasers on the wire: uMD boards, Heidenhain displays, any ASCII line. Bytes out, no
+input or output.
 
 uMD after the firmware sources named in the instruments' notes 1.A, ND 28x/287 after the manual pages of 1.B.
 """
@@ -191,7 +192,7 @@ class NdDisplay:
         return complete
 
     def answer(self, request: bytes, reading_mm: float, *, beam: bool) -> bytes:
-        """Return the answer to one request; a display that has lost its signal refuses to give a value."""
+        """Return the answer to a request; a display without a signal refuses to give a value."""
         lsb = round(reading_mm / self._resolution_mm)
         if request == b"\x1bA0000\r":
             return _STX + b"ND-287\r\nVIRTUAL\r\n001\r\n"

@@ -1,4 +1,6 @@
-"""A 4-DOF head as it comes out of a box: detectors out of focus and turned, a spot that grows, gains, signs and dark values of its own."""
+"""A 4-DOF head fresh from the box: detectors out of focus and turned, a spot that grows, gains,
+signs and dark values of its own.
+"""
 
 from dataclasses import dataclass
 
@@ -9,8 +11,10 @@ from stepdiag.virtual.instruments.head import HeadOptics, SpotDetector
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imperfections:
-    """Standard deviations of what is drawn: how far a PSD stands behind its focus, rolls, growth of the spot's radius a metre of distance,
-    gains, dark values as parts of the full sum. ``signs``: fold mirrors turn axes over, each with probability one half."""
+    """Standard deviations of the drawn values: distance of a PSD behind its focus, rolls, growth of
+    the spot's radius a metre of distance, gains, dark values as parts of the full sum. ``signs``:
+    fold mirrors turn axes over, each with a probability of one half.
+    """
 
     defocus_mm: float = 0.3
     roll_mrad: float = 20.0

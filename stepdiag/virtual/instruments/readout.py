@@ -1,4 +1,6 @@
-"""What laser and head could see at any moment: the machine's exact pose while the program is played."""
+"""The view of laser and head at any moment: the machine's exact pose while the program is
+played.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +22,9 @@ _GRID_NODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where the axes are at N moments: ``position_mm`` and ``approach`` (N, 3), the setup, and whether a beam is up, and wobbled."""
+    """Places of the axes at N moments: ``position_mm`` and ``approach`` (N, 3), the setup, and
+    whether a beam is up, and wobbled.
+    """
 
     position_mm: Array
     approach: Array
@@ -112,7 +116,9 @@ class Readout:
 
 
 class HeadView:
-    """What the 4-DOF head sees while the program is played: light during its own runs, darkness otherwise."""
+    """The view of the 4-DOF head while the program is played: light during its own runs, darkness
+    otherwise.
+    """
 
     def __init__(
         self,

@@ -1,4 +1,6 @@
-"""An instrument on a serial line: a thread that lets it talk or answer, and every misfortune of its cable."""
+"""An instrument on a serial line: a thread that lets it send or answer, and every misfortune of its
+cable.
+"""
 
 import threading
 from collections.abc import Callable
@@ -13,7 +15,9 @@ from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
-"""An instrument that was held up for longer says no more what it saw before; on a lossless line it says this much at a time."""
+"""Longest time in s whose samples a held instrument still sends; on a lossless line the share sent
+at a time.
+"""
 
 
 @runtime_checkable
@@ -23,7 +27,7 @@ class Talking(Protocol):
     rate_hz: float
 
     def banner(self) -> bytes:
-        """Return what it sends when it gets power."""
+        """Return its output at power-on."""
         ...
 
     def skip(self, count: int) -> None:

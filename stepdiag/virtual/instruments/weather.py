@@ -1,4 +1,6 @@
-"""Sensors of air and material on a line of their own: a transmitter that is asked, and a logger that speaks by itself."""
+"""Sensors of air and material on a line of their own: a transmitter that is asked, and a logger
+that sends by itself.
+"""
 
 from stepdiag.virtual.instruments.counting import Counting
 from stepdiag.virtual.instruments.interferometers import AskClimate
@@ -6,7 +8,9 @@ from stepdiag.virtual.physics.error_functions import Array
 
 
 class Transmitter:
-    """A PTU300 with echo and prompt: one line to each ``SEND`` (`stepdiag.virtual.instruments.talker.Answering`)."""
+    """A PTU300 with echo and prompt: a line to each ``SEND``
+    (`stepdiag.virtual.instruments.talker.Answering`).
+    """
 
     def __init__(self, climate: AskClimate) -> None:
         self._climate = climate
@@ -26,7 +30,7 @@ class Transmitter:
         return request + b"\r\n" + values.encode("ascii") + b"\r\n>"
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: nobody misses what it measured meanwhile."""
+        """Do nothing: unread measurements have no effect."""
 
 
 class Logger(Counting):

@@ -97,7 +97,9 @@ def smooth(rng: np.random.Generator, low_mm: float, length_mm: float, amplitude:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amplitudes:
-    """How large the random errors are: largest deviations in um and urad; scales are drawn within +-``scale_um_m``."""
+    """Sizes of the random errors: largest deviations in um and urad; scales are drawn within
+    +-``scale_um_m``.
+    """
 
     positioning_um: float = 8.0
     straightness_um: float = 8.0

@@ -1,4 +1,4 @@
-"""How the axes of a machine grow while it warms up."""
+"""Growth of a machine's axes while the machine warms up."""
 
 from dataclasses import dataclass
 

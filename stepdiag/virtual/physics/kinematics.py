@@ -1,8 +1,9 @@
 """Exact rigid-body kinematics: rotation matrices composed along the chain, nothing linearised.
 
-A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style): ``FXYZ`` is
-[w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every error is that of the tool relative to the
-work, so a work-side carriage turns everything beyond it about its own origin before its own travel, a tool-side carriage after it.
+A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
+``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
+error is the tool's error relative to the work, so a work-side carriage turns everything beyond it
+about its own origin before its own travel, a tool-side carriage after it.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ Stand = Literal["table", "floor"]
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where frames are and how they are turned: ``origin_mm`` (N, 3), ``rotation`` (N, 3, 3)."""
+    """Places and rotations of frames: ``origin_mm`` (N, 3), ``rotation`` (N, 3, 3)."""
 
     origin_mm: Array
     rotation: Array

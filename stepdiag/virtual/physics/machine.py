@@ -24,12 +24,13 @@ class Compensation(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """How laser and target stand for one setup.
+    """Laser and target of a setup.
 
-    ``zero_mm`` is the commanded position of the first stop. ``wavelength_nm`` is the vacuum wavelength by which the instrument
-    counts. ``assumed_index`` is the index of air by which it divides its count, 1 where it does not compensate at all,
-    None where it follows the air without an error of its own. The beam's source is the interferometer: what lies between it and
-    the target at ``zero_mm`` is the dead path.
+    ``zero_mm`` is the commanded position of the first stop. ``wavelength_nm`` is the vacuum
+    wavelength by which the instrument counts. ``assumed_index`` is the index of air by which it
+    divides its count, 1 without compensation, None if it follows the air without an error of its
+    own. The beam's source is the interferometer: the way from it to the target at ``zero_mm`` is
+    the dead path.
     """
 
     name: str

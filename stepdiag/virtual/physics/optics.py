@@ -18,7 +18,7 @@ class Beam:
 
 
 class Target(Protocol):
-    """What reflects the beam and moves with the tool."""
+    """A target that reflects the beam and moves with the tool."""
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
         """Return half of the path out and back, shape (N,)."""
@@ -27,7 +27,7 @@ class Target(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """How far a mirror's face stands out, as a smooth map over its diameter: ``peak_um`` at worst."""
+    """Relief of a mirror's face, as a smooth map over its diameter: ``peak_um`` at worst."""
 
     peak_um: float
     diameter_mm: float
@@ -47,7 +47,9 @@ class Figure:
 
 
 def perpendiculars(direction: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-handed frame with ``direction``: one level (or X for a vertical beam), one up."""
+    """Return two unit vectors that make a right-handed frame with ``direction``: the first level
+    (or X for a vertical beam), the second up.
+    """
     level = np.cross([0.0, 0.0, 1.0], direction)
     if np.linalg.norm(level) < 1e-9:
         level = np.array([1.0, 0.0, 0.0])

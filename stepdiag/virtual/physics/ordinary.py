@@ -1,10 +1,13 @@
-"""Ordinary machines: how large the errors of real three-axis machines are, as a table with its sources, and a draw from it by seed.
+"""Ordinary machines: sizes of the errors of real three-axis machines, as a table with its sources,
+and a draw from the table by seed.
 
-`FIGURES` is the table. Each figure has a value for a good, an ordinary and a poor machine and a mark that states where it comes from:
-READ (a public source was opened, in 2026-11), DERIVED (computed from another figure), RECALLED (general knowledge, not checked), MEASURED
-(found on exact machines), CHOSEN (a choice for this table). Lengths of axes: 300 mm to 1 m; with ``large`` 1 to 4 m.
+`FIGURES` is the table. Each figure has a value for a good, an ordinary and a poor machine and a
+mark of its source: READ (a public source was opened, in 2026-11), DERIVED (computed from another
+figure), RECALLED (general knowledge, not checked), MEASURED (found on exact machines), CHOSEN (a
+choice for this table). Lengths of axes: 300 mm to 1 m; with ``large`` 1 to 4 m.
 
-Sizes of machines of one class scatter by `SPREAD`. What is in um (shapes, growth) scales with the travel; what is in urad does not.
+Sizes of machines of a class scatter by `SPREAD`. Figures in um (shapes, growth) scale with the
+travel; figures in urad do not.
 """
 
 from dataclasses import dataclass
@@ -123,15 +126,18 @@ SPREAD_AMONG_AXES = 0.2
 EXPANSION_UM_M_C = {"screw": 11.7, "scale": 10.0}
 """Expansion of a steel screw, and of a glass or steel-tape scale as fastened to cast iron (RECALLED)."""
 SCALE_GROWTH = 0.3
-"""Share of the growth that remains with a scale: the screw's own growth is measured by it (CHOSEN)."""
+"""Share of the growth that remains with a scale: the scale measures the screw's own growth
+(CHOSEN).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrdinaryMachine:
     """A machine drawn from the table.
 
-    ``repeatability_um`` is the standard deviation of one arrival of each axis, ``setup_c`` that of the material temperature from setup
-    to setup, ``warm`` whether the shop warms the machine up before it is measured.
+    ``repeatability_um`` is the standard deviation of an arrival of each axis, ``setup_c`` the
+    standard deviation of the material temperature from setup to setup, ``warm`` whether the shop
+    warms the machine up before the survey.
     """
 
     quality: Quality
@@ -223,7 +229,9 @@ def _draw_periodic(rng: np.random.Generator, base: ErrorFunction, quality: Quali
 
 
 def _draw_growth(rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three, *, warm: bool) -> Growth:
-    """Draw how the axes grow; the fixed bearing of each stands 50 to 150 mm beyond one end of the travel."""
+    """Draw the growth of the axes; the fixed bearing of each stands 50 to 150 mm beyond an end of
+    the travel.
+    """
     tau_s = FIRST_HOUR_S * float(np.exp(rng.normal(scale=SPREAD)))
     per_500_mm = _spread(rng, "growth", quality) * (SCALE_GROWTH if feedback == "scale" else 1.0)
     final = 2.0 * per_500_mm / -np.expm1(-FIRST_HOUR_S / tau_s) * rng.uniform(0.3, 1.0, size=3)

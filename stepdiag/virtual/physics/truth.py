@@ -9,11 +9,12 @@ from stepdiag.virtual.physics.error_functions import AXES, DISPLACEMENTS, ROTATI
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What a perfect survey would find.
+    """The result of a perfect survey.
 
-    ``position_mm`` per axis letter, ascending; ``errors`` per name in um or urad, zero at the first position, straightness with
-    its end-point line removed, positioning with its slope kept; ``squareness_urad`` holds the removed slopes;
-    ``scale_um_m`` is the slope of the end-point line of each positioning function.
+    ``position_mm`` per axis letter, ascending; ``errors`` per name in um or urad, zero at the first
+    position, straightness with its end-point line removed, positioning with its slope kept;
+    ``squareness_urad`` holds the removed slopes; ``scale_um_m`` is the slope of the end-point line
+    of each positioning function.
     """
 
     position_mm: dict[str, Array]

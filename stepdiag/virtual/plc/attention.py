@@ -1,7 +1,9 @@
-"""Whether somebody looks at the PLC: a machine beside a busy computer stands a little longer, where its program says so.
+"""Attention of a master to the PLC: a machine beside a busy computer stands a little longer, if its
+program asks for this.
 
-A real machine's dwells are seconds and its recorder has a computer to itself. In a demonstration or a test a dwell is half a second, and
-everything shares one computer that may hold the recorder up for as long. What a fault of the bench keeps from being seen is not waited for.
+A real machine's dwells are seconds and its recorder has a computer to itself. In a demonstration or
+a test a dwell is half a second, and everything shares a computer that may hold the recorder up for
+as long. An event hidden by a fault of the bench is not waited for.
 """
 
 import threading
@@ -33,9 +35,11 @@ class Attention:
             self._looks_s.append(wall_s)
 
     def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
-        """Tell whether a master that is there has not yet looked, for ``wanted_s`` without a break, at what began at ``from_s``.
+        """Return whether a present master has not yet looked, for ``wanted_s`` without a break, at
+        the state that began at ``from_s``.
 
-        From the first look at it, not from its beginning: one look long after that has seen nothing of what lies between.
+        The time counts from the first look at the state, not from its beginning: a single late look
+        has seen nothing of the time before.
         """
         with self._lock:
             there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S

@@ -23,7 +23,7 @@ class ModbusError(Exception):
 
 
 class Memory(Protocol):
-    """What a slave gives access to. Both methods raise `ModbusError`."""
+    """The memory of a slave. Both methods raise `ModbusError`."""
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
         """Return registers (0..65535) of ``holding`` or ``input``, bits (0, 1) of ``coil`` or ``discrete``."""

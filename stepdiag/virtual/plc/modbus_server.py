@@ -1,4 +1,4 @@
-"""The PLC on the network and on a serial line: one thread that answers one request after the other."""
+"""The PLC on the network and on a serial line: a thread that answers request after request."""
 
 import contextlib
 import selectors
@@ -32,7 +32,9 @@ class Slave:
         self._reboots: Fault | None = None
 
     def off(self) -> bool:
-        """Return whether the PLC reboots at the moment; its counter starts again when it comes back, unless it is one that is kept."""
+        """Return whether the PLC reboots now; its counter restarts afterwards, unless the PLC keeps
+        its counter.
+        """
         now = self._faults.active("plc-reboot", self._clock.wall_s())
         if self._reboots is not None and now is None:
             self._plc.reboot(counts_on=self._reboots.value != 0.0)

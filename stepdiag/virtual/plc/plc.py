@@ -62,7 +62,9 @@ class Plc:
         self._frozen: list[int] | None = None
 
     def reboot(self, *, counts_on: bool = False) -> None:
-        """Know of no stop that was captured, and start the stop counter again at 0, unless it is one that is kept."""
+        """Discard the captured stop, and start the stop counter again at 0, unless the PLC keeps
+        its counter.
+        """
         with self._lock:
             if not counts_on:
                 self._counted_before_reboot = self._player.advance(self._clock.machine_s()).stop_count

@@ -1,6 +1,8 @@
 """The synchroniser on whole passes: every stop right, or named as doubtful, or asked for again; never silently wrong."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 from random import Random
 
 import msgspec
@@ -374,3 +376,24 @@ def test_a_dwell_without_beam_gives_no_reading_and_says_so():
     stops, codes, _ = run(replace(timeline, beam_lost=[(begin - 0.2, end + 0.2)]).events())
     assert "stop-without-reading" in codes
     assert 4 not in [stop.stop for stop in stops]
+
+
+DECODING = {"instruments", "framing", "samples.py"}
+MOST_MODULES = 13
+
+
+def test_a_stop_that_nothing_disturbs_passes_few_modules():
+    """Twelve of the capture, one of the events; more decode its samples. The first stops are judged together, the last ends the pass."""
+    survey, root = parse_survey(survey_text(), "survey.toml"), Path(sys.modules[Capture.__module__].__file__).parents[2]
+    capture, made = Capture(survey, PassBook(survey).start(skip_open_dwell=False)), []
+    for event in Timeline(diagonal("ppp")).events():
+        passed = set()
+        sys.setprofile(lambda frame, what, _: passed.add(frame.f_code.co_filename) if what == "call" else None)  # noqa: B023
+        try:
+            outcomes = capture.feed(event)
+        finally:
+            sys.setprofile(None)
+        own = [path for each in passed if (path := Path(each)).is_relative_to(root) and not DECODING & set(path.parts)]
+        made += [len(own) for each in outcomes if isinstance(each, CapturedStop)]
+    assert len(made) == 10
+    assert max(made[4:-1]) <= MOST_MODULES, made

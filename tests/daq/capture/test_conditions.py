@@ -112,7 +112,7 @@ def test_a_sensor_that_never_spoke_is_a_doubt():
     (judged,) = judge({"air_temperature_c": math.nan}, text=SENSOR)
     assert judged.signals.air_temperature_c is None
     assert [each.code for each in judged.doubted] == ["air-unknown"]
-    assert "has not been told yet" in str(judged.remarks[0])
+    assert "was never received" in str(judged.remarks[0])
 
 
 def test_only_what_the_pattern_names_is_the_sensors():

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from stepdiag.daq.capture.standing.certain_window import certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
-from stepdiag.daq.capture.stop import PLATEAU_MARGIN_NS, plateau_window
+from stepdiag.daq.capture.stop_capture import PLATEAU_MARGIN_NS, plateau_window
 from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules

@@ -23,7 +23,7 @@ def doubted_and_left():
     return list(program.events())
 
 
-def test_a_survey_whose_last_doubt_is_accepted_while_an_empty_log_is_open_is_complete_when_that_ends(tmp_path):
+def test_a_survey_whose_last_doubt_is_accepted_over_an_empty_open_log_is_complete_at_its_end(tmp_path):
     text = survey_file(setups=("ppp",))
     more = {"on_outcome": lambda _: None, "wall_offset_ns": lambda: WALL_OFFSET_NS}
     session, settled = Session(parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more), Settled()

@@ -150,7 +150,7 @@ def test_the_sense_of_the_cross_table_is_asked():
         ("v.csv", "X EXX EYX\n0.0 0.001\n", r"v\.csv: line 2: expected 3 numbers"),
         ("v.csv", "X EXX\n0.0 0.001\n", r"expected two or more rows with rising positions, found 1 rows"),
         ("v.csv", "X EXX\n10.0 0.001\n0.0 0.001\n", r"rising positions"),
-        ("v.csv", "X EXX EAX\n0.0 0.0 0.0\n10.0 0.0 0.00001\n", r"expected EAX 0: without the chain of the axes"),
+        ("v.csv", "X EXX EAX\n0.0 0.0 0.0\n10.0 0.0 0.00001\n", r"expected EAX 0: the levers of this angle are unknown"),
         ("v.csv", "X EXY\n0.0 0.0\n10.0 0.0\n", r"expected components of X, found EXY"),
         ("v.csv", "X EXX\n0.0 0.0\n10.0 0.0\n#\n", r"found an empty block"),
         ("a.lis", "kopf.achs_nr 9\nkw.ssfk.unit 1\n", r"a\.lis: line 1: expected kopf\.achs_nr with a logical axis number"),

@@ -290,8 +290,8 @@ class TestSafetyChecks:
 
     def test_all_refusals_are_named_at_once(self, tmp_path):
         refusal = refusal_of(made_result({"EXX": [0, 105, 210, 315, 420]}), machine(units="inch"), tmp_path)
-        assert "the profile says inch [units-not-metric]" in str(refusal)
-        assert "das Profil sagt inch [units-not-metric]" in in_german(refusal)
+        assert "the profile states inch [units-not-metric]" in str(refusal)
+        assert "das Profil nennt inch [units-not-metric]" in in_german(refusal)
 
 
 class TestChecksOnTables:

@@ -188,7 +188,7 @@ class TestPunchFiles:
         """Old data without parameter 3623 could mean anything: they are not compared with, nor merged."""
         master = punch(*(f"N{10000 + n}Q0P1" for n in range(200)))
         with pytest.raises(
-            DataError, match=r"parameter 3623 A1: expected a value.*state fanuc\.axes\.X\.magnification as the export report says"
+            DataError, match=r"parameter 3623 A1: expected a value.*state fanuc\.axes\.X\.magnification as in the export report"
         ):
             CONTROL.parse([master], fanuc_profile())
 

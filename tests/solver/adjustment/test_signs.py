@@ -23,7 +23,7 @@ def solved(seed, wrong=(), slip_mm=0.0, size_urad=10.0):
 
 
 def signs(result):
-    return {finding.text[:3] for finding in result.findings if "the other sign" in finding.text}
+    return {finding.text[:3] for finding in result.findings if "its sign turned" in finding.text}
 
 
 @pytest.mark.parametrize("wrong", [("EBX",), ("ECX",), ("EAY",), ("EBX", "EAY"), HEAD])
@@ -32,7 +32,7 @@ def test_a_wrong_sign_is_named_before_any_reading(wrong):
     result = solved(2, wrong)
     assert signs(result) == set(wrong) & {"EBX", "ECX", "EAY"}
     assert not {finding.code for finding in result.findings} & {"stop-outlier", "count-step", "pass-wanders", "too-many-outliers"}
-    assert all(finding.severity == "error" for finding in result.findings if "the other sign" in finding.text)
+    assert all(finding.severity == "error" for finding in result.findings if "its sign turned" in finding.text)
     true = replace(MACHINE, seed=2).angles(1.0)
     for name in signs(result):
         value = result.errors[name].value

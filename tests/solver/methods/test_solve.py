@@ -91,7 +91,7 @@ def test_a_survey_without_one_diagonal_says_what_it_lacks(missing):
         assert quantity.value is None or name not in next(f.text for f in result.findings if f.key == "unidentified.squareness")
 
 
-def test_a_survey_with_gaps_is_solved_within_its_uncertainty_and_repeats_are_compared_stop_by_stop():
+def test_a_survey_with_gaps_is_solved_within_u_and_repeats_are_compared_stop_by_stop():
     bench = Bench(seed=2, increments=4)
     whole = bench.survey(passes=(1, 3))
     gaps = {("ppp", 1, 4), ("ppp", 3, 8), ("linear-y", 1, 2)}

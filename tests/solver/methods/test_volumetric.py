@@ -54,7 +54,7 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     readings = bench.survey(setups)
     found, with_angles = solve(readings, assumed=IDEAL), solve(readings, angles=bench.angles(1.0), assumed=IDEAL)
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
-    told = float(re.search(r"with a head's angles about (\S+) µm", text)[1])
+    told = float(re.search(r"with the angles of a head about (\S+) µm", text)[1])
     assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
     assert told < 0.98 * found.volumetric_u_um
 
@@ -176,3 +176,20 @@ def _measured(position_mm, function, rng):
     value = function(position_mm) + rng.normal(0.0, 0.2, len(position_mm))
     u = np.full(len(position_mm), 0.2)
     return Function(position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u)
+
+
+@pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS], ids=["all", "diagonals"])
+@pytest.mark.parametrize("increments", [5, 10])
+def test_the_shares_of_the_volume_make_its_uncertainty(setups, increments):
+    """From the causes of the posterior, without a draw; the largest is what the conclusion names."""
+    result = solve(Bench(seed=1, increments=increments).survey(setups))
+    shares = result.budget.shares["volume"]
+    assert float(np.linalg.norm(list(shares.values()))) == pytest.approx(result.volumetric_u_um, rel=0.02)
+    assert result.budget.combined["volume"] == pytest.approx(result.volumetric_u_um, rel=0.02)
+    assert max(shares, key=shares.get) == ("between the targets" if len(setups) == 7 else "not measured")
+
+
+def test_twice_the_increments_make_the_share_between_the_targets_smaller():
+    """As the conclusion promises where it is the largest."""
+    few, many = (solve(Bench(seed=1, increments=n).survey()).budget.shares["volume"]["between the targets"] for n in (5, 10))
+    assert many < 0.7 * few

@@ -39,12 +39,14 @@ def test_the_seed_of_the_demo_names_its_machine(demonstrations):
 
 
 def test_the_demo_prints_its_figures_for_programs(demonstrations, monkeypatch):
-    monkeypatch.setattr("stepdiag.cli.status.concluded_in", lambda folder: iter(()))
-    assert "True errors of the tool" in stepdiag("demo").out
+    monkeypatch.setattr("stepdiag.cli.status.concluded_in", lambda folder: iter(["the conclusion"]))
+    brief, whole = stepdiag("demo").out, stepdiag("demo", "--verbose").out
+    assert "True errors of the tool" in brief
+    assert ("the conclusion" in brief, "the conclusion" in whole) == (False, True)
     printed = json.loads(stepdiag("demo", "--json").out)
     assert printed["figures"]["siemens"]["rms_um"] == 2.0
     assert printed["factors"] == {"siemens": 5.0}
-    assert len(demonstrations) == 2
+    assert len(demonstrations) == 3
 
 
 @pytest.mark.parametrize(("given", "opened"), [((), True), (("--browser",), True), (("--no-browser",), False)])

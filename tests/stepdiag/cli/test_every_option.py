@@ -67,19 +67,23 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--angles": ["--angles", "angles.csv"], "--straightness": ["--straightness", "bow.csv"],
             "--environment": ["--environment", "air.toml"], "--uncertainty": ["--uncertainty", "uncertainty.toml"],
             "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"],
-            "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
+            "--monte-carlo": ["--monte-carlo", "1000"], "--verbose": ["--verbose"], "--json": ["--json"], **STATED,
         },
     ),
     "plan": (
         ["plan", "survey.toml"],
-        {"--minutes": ["--minutes", "40"], "--target-um": ["--target-um", "40"], "--apply": ["--apply"], "--json": ["--json"]},
+        {
+            "--minutes": ["--minutes", "40"], "--target-um": ["--target-um", "40"], "--apply": ["--apply"], "--verbose": ["--verbose"],
+            "--json": ["--json"],
+        },
     ),
     "profile": (["profile", "siemens"], {"--out": ["--out", "new.toml"]}),
     "export": (
         ["export", "result.json", "--controller", "siemens", "--step-mm", "100", "--out", "out"],
         {
             "--controller": ["--controller", "neutral"], "--out": ["--out", "elsewhere"], "--profile": ["--profile", "profile.toml"],
-            "--step-mm": ["--step-mm", "50"], "--accept": ["--accept", "no-such-code"], "--json": ["--json"], **STATED,
+            "--step-mm": ["--step-mm", "50"], "--accept": ["--accept", "no-such-code"], "--json": ["--json"],
+            "--verbose": ["--verbose"], **STATED,
         },
     ),
     "verify": (
@@ -219,7 +223,7 @@ NEEDED = {
 COVERED: dict[str, dict[str, list[str]]] = {
     "demo": {
         "system/service/test_demo_live.py": ["--live", "--out"],
-        "stepdiag/cli/test_demo_and_fleet.py": ["--browser", "--json", "--seed"],
+        "stepdiag/cli/test_demo_and_fleet.py": ["--browser", "--json", "--seed", "--verbose"],
     },
     "init": {"stepdiag/cli/test_survey_and_logs.py": ["--feedback", "--machine-class", "--pitch-mm"]},
     "setup": {

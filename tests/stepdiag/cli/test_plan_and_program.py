@@ -127,11 +127,11 @@ class TestPlan:
         assert said["floor_um"] == 0.0, "no control is named"
 
     def test_for_a_person(self, survey):
-        told = stepdiag("plan", survey, "--minutes", 125)
+        told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
         assert "what is worth its time" in told.out
         assert "BEST SURVEY" in told.out
-        assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 15 µrad" in told.out
+        assert "U (k = 2) assumes these sizes where the readings do not show them: angular errors over 15 µrad" in told.out
 
     def test_the_floor_that_the_control_sets_is_named(self, survey):
         """Tables of one input axis hold nothing of what angles do away from the middle."""

@@ -77,7 +77,7 @@ def test_what_is_asked_wrongly_is_refused(files, tmp_path):
     assert "linear-x once" in stepdiag("solve", whole, "--run", runs[0]).refusal
     assert "before the =" in stepdiag("solve", diagonals, "--run", f"linear-q={runs[0]}").refusal
     assert "three coordinates" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@1,2").refusal
-    assert "where the line lies" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal
+    assert "state the place of the line" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal
     assert "or --diagonal" in stepdiag("verify", tmp_path / "result.json").refusal or stepdiag("verify", tmp_path / "no.json").code
     assert stepdiag("rtl", diagonals, "--out", tmp_path).code == 3
     moved = stepdiag("solve", diagonals, "--run", f"linear-x={runs[0]}@,0,0")

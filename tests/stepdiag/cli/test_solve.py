@@ -11,7 +11,7 @@ import pytest
 from stepdiag.base.findings import Finding
 from stepdiag.base.readings.readings import render_readings
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, parse_result
-from stepdiag.terminal.tables import result_table
+from stepdiag.terminal.tables import print_findings, print_tables
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
 from testkit.exact.results import made_result
@@ -28,7 +28,7 @@ def cells(out: str, name: str) -> list[str]:
 
 class TestSolve:
     def test_a_result_at_a_glance(self, tmp_path):
-        told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json")
+        told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--verbose")
         assert told.code == 0
         assert "volume 1000 x 800 x 500 mm" in told.out
         assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), "range of the shape, um; unknown angles make u 7 um"
@@ -91,7 +91,7 @@ class TestSolve:
         assert f"`stepdiag solve {GOLDEN} --out result.json` writes one" in told.refusal
         told = stepdiag("report", tmp_path, "--out", tmp_path / "r.html")
         assert told.code == 2
-        assert f"`stepdiag status {tmp_path}` says what is missing" in told.refusal
+        assert f"`stepdiag status {tmp_path}` shows what is missing" in told.refusal
 
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
         (tmp_path / "r.csv").write_text(
@@ -134,24 +134,25 @@ def test_the_list_of_commands_says_whole_sentences(group):
 
 class TestResultTable:
     def test_what_is_not_identified_is_not_a_number(self, capsys):
-        result_table(made_result({"EYX": None}, squareness={"C0Y": None}), None)
+        print_tables(made_result({"EYX": None}, squareness={"C0Y": None}))
         out = capsys.readouterr().out
         assert cells(out, "EYX") == ["EYX", "-", "-", "-", "µm", "NO"]
         assert cells(out, "C0Y")[-1] == "NO"
 
     def test_uncertainty_is_shown_expanded(self, capsys):
         """k = 2 (GUM 6.2): standard uncertainty 0.3 um, shown 0.60."""
-        result_table(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 8.0]}, u_um=0.3), Path("r.json"))
+        print_tables(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 8.0]}, u_um=0.3))
         out = capsys.readouterr().out
         assert cells(out, "EXX")[1:4] == ["3.00", "8.00", "0.60"], "shape 0, -1, -2, -3, 0 um once the end-point line is removed"
-        assert "written: r.json" in out
 
-    def test_angles_stand_below_and_findings_at_the_end_the_worst_first(self, capsys):
+    def test_angles_stand_below_and_of_findings_the_worst_first(self, capsys):
         findings = (Finding(code="b", severity="info", text="[note]"), Finding(code="a", severity="error", text="worst"))
-        result_table(made_up_result(angles=True), None)
+        print_tables(made_up_result(angles=True))
         assert cells(capsys.readouterr().out, "ECZ")[4] == "µrad"
-        result_table(made_result(findings=findings), None)
-        assert capsys.readouterr().out.splitlines()[-2:] == ["ERROR   a: worst", "note    b: [note]"]
+        print_findings(findings, verbose=True)
+        assert capsys.readouterr().out.splitlines() == ["ERROR   a: worst", "note    b: [note]"]
+        print_findings(findings, verbose=False)
+        assert capsys.readouterr().out.splitlines() == ["ERROR   a: worst", "1 note(s): --verbose prints them"]
 
 
 def test_help_comes_at_once():
@@ -170,7 +171,7 @@ def test_three_beam_offsets_give_all_eighteen_functions(tmp_path):
     offsets = {f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)}
     bench = Bench(angle_urad=20.0, diagonal_noise_um=0.1, linear_noise_um=0.1, increments=6, beam_offset_mm=offsets)
     (tmp_path / "r.csv").write_text(render_readings(bench.survey((*DIAGONALS, *offsets, *LINEAR))), encoding="utf-8")
-    told = stepdiag("solve", tmp_path / "r.csv", "--out", tmp_path / "result.json")
+    told = stepdiag("solve", tmp_path / "r.csv", "--out", tmp_path / "result.json", "--verbose")
     assert told.code == 0, told.refusal
     result = parse_result((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert "angles-resolved" in {finding.code for finding in result.findings}

@@ -169,8 +169,8 @@ def test_what_u_takes_for_granted_stands_once_or_under_each_name(tmp_path: Path)
         result = replace(made_up_result(amplitude_um=8.0), assumed=assumed)
         (tmp_path / f"{name}.json").write_text(result.to_json(), encoding="utf-8")
     same, other = (CliRunner().invoke(build(), ["compare", str(tmp_path / "a.json"), str(tmp_path / f"{name}.json")]) for name in "bc")
-    assert same.output.count("takes for granted") == 1
-    assert [line.split(" U (k")[0] for line in other.output.splitlines() if "takes for granted" in line] == ["a.json:", "c.json:"]
+    assert same.output.count("assumes these sizes") == 1
+    assert [line.split(" U (k")[0] for line in other.output.splitlines() if "assumes these sizes" in line] == ["a.json:", "c.json:"]
 
 
 def halved(result: Result) -> Result:
@@ -198,7 +198,7 @@ def test_predicted_and_measured_make_the_last_page(tmp_path: Path, language: str
     assert found["kept"] is None, "a made-up result says nothing of how sure its volume is"
     assert 0 < found["predicted_rms"]["value_um"] < found["measured_rms"]["value_um"]
     page = (tmp_path / "left.html").read_text(encoding="utf-8")
-    assert ("cannot be told" if language == "en" else "lässt sich nicht sagen") in page
+    assert ("cannot be judged" if language == "en" else "lässt sich nicht beurteilen") in page
     assert "lattice.csv" in page
     assert "<h1>" in page
 

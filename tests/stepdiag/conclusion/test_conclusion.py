@@ -16,6 +16,7 @@ from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Budget
 from stepdiag.base.result.result import Quantity, Result, parse_result
 from stepdiag.conclusion import (
     Export,
@@ -58,6 +59,34 @@ def predicted(rms: tuple[float, float, float], largest: tuple[float, float, floa
 def reach_of_json(document: dict[str, Any]) -> Reach:
     """Return the reach of a ``predicted`` of contract 4."""
     return reach_of(members(predicted=document)["predicted"])
+
+
+class TestTheLargestShare:
+    @pytest.mark.parametrize(
+        ("source", "words"),
+        [
+            ("between the targets", "drive with 20 increments"),
+            ("readings", "drive each setup once more"),
+            ("not measured", "add the runs that are missing"),
+            ("angles", "measure them, with a 4-DOF head"),
+            ("drift", "drive out and back"),
+            ("growth", "warm the machine up"),
+            ("air", "of the material and the air"),
+        ],
+    )
+    def test_is_named_with_what_makes_it_smaller(self, source: str, words: str) -> None:
+        """3 um of 5 in all, by squares 9 of 25: 36 %; what has no knob is in the whole alone."""
+        shares = {"readings": 0.0, "wander": 0.0, "sizes of these": 4.0, source: 3.0}
+        result = replace(made_result(), budget=Budget(assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}))
+        increments = result.volume.increments
+        said = [render(one, "en") for one in conclude(result).reached if one.key == "reach_largest"]
+        assert len(said) == 1
+        assert "36 %" in said[0]
+        assert words.replace("20", f"{2 * increments}") in said[0]
+
+    def test_is_not_named_without_a_budget_of_the_volume(self) -> None:
+        for budget in (None, Budget(assumptions={}, shares={"EXX": {"readings": 1.0}}, combined={"EXX": 1.0})):
+            assert not [one for one in conclude(replace(made_result(), budget=budget)).reached if one.key == "reach_largest"]
 
 
 class TestWhatIsWrong:
@@ -105,7 +134,7 @@ class TestReach:
                 figure["low"] = figure["high"] = None
         words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))])), "en")
         assert "at best 0.1 µm" in words["reached"][1]
-        assert "Measure again to know" in words["reached"][1]
+        assert "A new measurement shows the result" in words["reached"][1]
 
     @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
     def test_the_written_interval_holds_the_computed_one(self, low: float, width: float) -> None:
@@ -268,7 +297,7 @@ class TestBasis:
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
         assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
         (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
-        assert "How warm the machine was, was not measured throughout" in text
+        assert "The machine's temperature was not measured throughout" in text
         (text,) = self.said("de", lengths=self.LENGTHS)
         assert "bei 23,40 °C" in text
         assert "X +3,2 ± 3,0" in text
@@ -309,7 +338,7 @@ class TestBasis:
 class TestWhatWasNotMeasured:
     """An interval that is wide for what nobody measured says so: it is no spread of the readings."""
 
-    SAID = "that is why the interval is so wide"
+    SAID = "The interval is wide for this reason"
 
     @pytest.mark.parametrize(("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)])
     def test_makes_the_interval_wide_and_that_is_said(self, setups: tuple[str, ...], said: bool) -> None:
@@ -365,4 +394,4 @@ class TestUnseenSlip:
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
-        assert "npp/1/4: nothing would tell" in words
+        assert "npp/1/4: no reading shows it" in words

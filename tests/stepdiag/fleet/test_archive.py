@@ -292,14 +292,14 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path,
     folder = Path(store.root) / place.folder
     (folder / "0001.mcap").write_bytes(old)
     lost = solve_anew(store.address, tuple(place))
-    assert (lost.outcome, "SHA-256" in lost.reason) == ("failed", True), "a log that is not the archived one is named"
+    assert (lost.outcome, "SHA-256" in str(lost.reason)) == ("failed", True), "a log that is not the archived one is named"
     listed_anew(store, place)
     refused = solve_anew(store.address, tuple(place))
-    assert (refused.outcome, "of_old" in refused.reason) == ("failed", True)
+    assert (refused.outcome, "of_old" in str(refused.reason)) == ("failed", True)
     stood_in = solve_anew(store.address, tuple(place), text)
-    assert (stood_in.outcome, stood_in.changed, stood_in.reason) == ("solved anew", (), "by the survey file given")
+    assert (stood_in.outcome, stood_in.changed, str(stood_in.reason)) == ("solved anew", (), "by the survey file given")
     other = solve_anew(store.address, tuple(place), text.replace("Mill 7/ä", "Mill 8"))
-    assert (other.outcome, "Mill 8" in other.reason) == ("failed", True)
+    assert (other.outcome, "Mill 8" in str(other.reason)) == ("failed", True)
     told = stepdiag("resolve", store.root, "--survey", survey / "result.json")
     assert (told.code, "--machine" in told.refusal) == (2, True)
 

@@ -16,10 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.comparing.alike import Standing
-from stepdiag.fleet.history import Survey
 from stepdiag.fleet.page import Sheets, create_app
 from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import Survey
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, as_json, leaves
@@ -45,13 +45,14 @@ def quarterly(count: int, events: dict[int, str] | None = None, active: dict[int
 
 
 class TestChanges:
-    @few(60)
-    @given(st.integers(0, 2**32))
-    def test_noise_alone_is_seldom_a_change(self, seed: int) -> None:
-        """All questions of a machine together err as seldom as one at k = 2 would: here nothing is beyond 4 sigma."""
-        noise = np.clip(np.random.default_rng(seed).normal(0, 0.5, 40), -0.7, 0.7)
-        found = trend_of(made_series([10 + each for each in noise.tolist()]))
-        assert (found.verdict, found.explained.courses) == ("unchanged", ())
+    def test_noise_alone_is_seldom_a_change(self) -> None:
+        """All questions of a machine together err as seldom as one at k = 2 would: in at most 5 of 100 (1.6 % of 1500)."""
+        verdicts = []
+        for seed in range(300):
+            noise = np.clip(np.random.default_rng(seed).normal(0, 0.5, 40), -0.7, 0.7)
+            found = trend_of(made_series([10 + each for each in noise.tolist()]))
+            verdicts.append((found.verdict, found.explained.courses))
+        assert len(verdicts) - verdicts.count(("unchanged", ())) <= 15
 
     def test_a_step_is_found_with_what_happened_before_it(self) -> None:
         found = trend_of(made_series([5.0, 5.2, 4.9, 9.0, 9.1], surveys=quarterly(5, {3: "crash"})))

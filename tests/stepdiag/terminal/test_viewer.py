@@ -41,7 +41,7 @@ def test_a_result_is_german_where_the_terminal_is(tmp_path, monkeypatch):
     monkeypatch.setenv("LC_ALL", "C")
     english, plain = stepdiag("solve", readings), stepdiag("solve", readings, "--json")
     monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
-    german = stepdiag("solve", readings)
+    german = stepdiag("solve", readings, "--verbose")
     assert english.code == german.code
     assert is_english(english.out)
     lines = [line for line in german.out.splitlines() if is_english(line)]

@@ -78,3 +78,44 @@ def test_every_key_of_the_catalogue_is_used() -> None:
     source = "".join(path.read_text(encoding="utf-8") for path in paths)
     used = set(re.findall(r'"([a-z0-9]+(?:-[a-z0-9]+)*(?:\.[a-z0-9-]+)?)"', source))
     assert [key for key in sentences() if key not in used and not key.startswith("os-")] == []
+
+
+PARSERS = (
+    "daq/formats/expressions.py",
+    "daq/log/codec.py",
+    "exporters/fanuc/punch.py",
+    "stepdiag/certificate/custody.py",
+    "stepdiag/cli/service.py",
+    "stepdiag/daemon/installation.py",
+)
+"""Readers of texts that are no message: tokens, blocks of a control, nodes of XML, unit files, and logs of before messages were values."""
+
+
+def decided_by_words(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and source of every comparison, membership test and search in the ``text`` or ``detail`` of a message."""
+    for node in ast.walk(tree):
+        asked: list[ast.expr] = []
+        if isinstance(node, ast.Compare):
+            asked = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call):
+            asked = [*node.args] if _name(node.func) in {"match", "search", "fullmatch", "findall"} else []
+            asked += [node.func.value] if isinstance(node.func, ast.Attribute) else []
+        words = [each for each in asked if isinstance(each, ast.Attribute) and each.attr in {"text", "detail"}]
+        yield from ((node.lineno, ast.unparse(each)) for each in words)
+
+
+def test_no_decision_reads_the_words_of_a_message() -> None:
+    """The key and the arguments of a message decide; its words are for its reader."""
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {source}"
+        for floor in FLOORS
+        for path in sorted((ROOT / floor).rglob("*.py"))
+        if "virtual" not in path.parts and not str(path.relative_to(ROOT)).startswith(PARSERS)
+        for line, source in decided_by_words(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert found == []
+
+
+def test_the_search_finds_a_decision_by_words() -> None:
+    source = 'a = found.text == "x"\nb = "x" in link.detail\nc = re.search("x", one.text)\nd = one.text.startswith("x")\ne = f(one.text)'
+    assert [line for line, _ in decided_by_words(ast.parse(source))] == [1, 2, 3, 4]

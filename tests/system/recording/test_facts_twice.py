@@ -124,7 +124,7 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
     assert only.complete, only.why_incomplete()
     assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
     assert findings_of(said, "stop-again")
-    alike = "X and Y and Z make the same step along the diagonal, so the laser cannot tell which of them moved"
+    alike = "X and Y and Z make the same step along the diagonal, so the laser cannot distinguish these axes"
     assert any(alike in text for text in findings_of(said, "signals-absent")) == (box.get("size") == CUBE)
 
 

@@ -4,9 +4,6 @@ import json
 import os
 import signal
 import time
-import urllib.error
-import urllib.request
-from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -18,35 +15,13 @@ from stepdiag.virtual.bench.building import alignment_of, build_box, build_machi
 from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
 from testkit.cli import stepdiag
-from testkit.running.hall import daemon, hall, until
+from testkit.running.hall import daemon, hall, ordered, until
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
 FIXED = '[environment]\nsource = "fixed"\n'
 QUIET = {"silent": True, "patient": False, "dwell": 5.0, "laser_survey": FIXED}
-
-
-def order(port, token, body):
-    """Send a command as the page does; return the status, 0 where nobody listens yet."""
-    headers = {"Authorization": f"Bearer {quote(token)}", "Content-Type": "application/json", "Origin": f"http://127.0.0.1:{port}"}
-    request = urllib.request.Request(f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers)
-    try:
-        with urllib.request.urlopen(request, timeout=60.0) as answer:
-            return answer.status
-    except urllib.error.HTTPError as refused:
-        return refused.code
-    except OSError:
-        return 0
-
-
-def ordered(port, token, name, **arguments):
-    """Send a command as soon as somebody listens; it has to be taken."""
-    end = time.monotonic() + 60.0
-    while (status := order(port, token, {"name": name, "arguments": arguments})) == 0:
-        assert time.monotonic() < end, "nobody listens"
-        time.sleep(0.1)
-    assert status == 204
 
 
 def until_told(place, words):
@@ -157,7 +132,7 @@ def test_begin_says_why_it_cannot(tmp_path, monkeypatch):
             until(process, "begin-refused")
         code, out, _ = stepdiag("check", place.survey, "--seconds", "1")
         assert code == 0
-        assert "the machine says nothing" in out
+        assert "the machine sends no signals" in out
 
 
 def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):

@@ -87,7 +87,7 @@ def held_at(port, count):
 
 
 @pytest.mark.impatient
-def test_a_daemon_that_comes_back_while_the_machine_is_on_its_way_back_doubts_what_it_takes_for_the_way_out(tmp_path):
+def test_a_daemon_that_comes_back_on_the_way_back_doubts_what_it_takes_for_the_way_out(tmp_path):
     """Without a counter the places are those of the way out: the fourth stop back stands where the second one out was.
 
     The first daemon may see one stop more while it ends.

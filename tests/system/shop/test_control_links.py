@@ -65,7 +65,7 @@ def start_the_next(place):
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-def test_a_survey_is_recorded_through_a_lost_control_and_a_killed_daemon_and_replayed_to_the_same_bytes(tmp_path, name):
+def test_a_survey_is_recorded_through_a_lost_control_and_a_killed_daemon_and_replayed(tmp_path, name):
     """Checked first as a person would; after the first setup the control's network goes and comes back, then the daemon is killed."""
     with controlled(tmp_path, name, n=1) as (place, control):
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")

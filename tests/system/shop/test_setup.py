@@ -121,7 +121,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
     with hall(tmp_path) as place, at_a_terminal("setup", file, "--port", modbus_port(place), "--seconds", 6) as person:
         person.answers("The laser's port", laser_port(place))
         person.answers("Name or address of the control", "127.0.0.1")
-        person.answers("Which one", "modbus")
+        person.answers("Kind of control", "modbus")
         person.answers("as it is to stand in the report", "virtual")
         person.answers("Edges of the volume", "large")
         person.answers("expected three numbers", "300 200 100")
@@ -155,7 +155,7 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
         person.answers("expected a whole number", str(closed))
         person.answers("TCP port of the control", str(modbus_port(place)))
         if not named:
-            person.answers("Which one", "modbus")
+            person.answers("Kind of control", "modbus")
         person.leaves()
         survey = load_survey(file)
     assert (survey.plc.transport, survey.plc.tcp_port) == ("tcp", modbus_port(place))
@@ -205,7 +205,7 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
 
 ANSWERS = {
     "The laser's port": "/dev/no-such-port",
-    "Which format is it": "umd",
+    "Format of the laser": "umd",
     "Name or address of the control": "none",
     "as it is to stand in the report": "mill",
     "Edges of the volume": "300 200 100",

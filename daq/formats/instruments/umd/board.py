@@ -1,6 +1,8 @@
-"""What a uMD board tells of itself in its low-speed codes, and what follows for the reading of its lines.
+"""The properties of a uMD board by its low-speed codes, and their effect on the reading of its
+lines.
 
-One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); reference: instruments 1.A.
+One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); reference: instruments
+1.A.
 """
 
 from dataclasses import dataclass
@@ -42,7 +44,9 @@ class Remark:
 
 
 class Board:
-    """What is known of the board. ``phase_bits`` (8, 16) overrides what its firmware tells."""
+    """The known properties of the board. ``phase_bits`` (8, 16) overrides the width sent by its
+    firmware.
+    """
 
     def __init__(self, phase_bits: int | None) -> None:
         self.rate_hz: float | None = None
@@ -51,11 +55,13 @@ class Board:
         self._phase_bits = phase_bits
         self._codes: dict[int, int] = {}
         self.reading = self._read()
-        """How lines are to be read from now on; another object after each change."""
+        """Reading of the lines from now on; another object after each change."""
 
     @property
     def counts_every_sample(self) -> bool:
-        """Whether a lost sample leaves a gap in the sequence number; False until the rate shows that it is not a uMD0."""
+        """Whether a lost sample leaves a gap in the sequence number; False until the rate rules out
+        a uMD0.
+        """
         return self.rate_hz is not None and abs(self.rate_hz / UMD0_RATE_HZ - 1) > 0.01
 
     def knows(self, code: int, data: int) -> bool:
@@ -63,7 +69,9 @@ class Board:
         return self._codes.get(code) == data
 
     def hear(self, code: int, data: int) -> Remark | None:
-        """Take a low-speed code. Returns the remark it deserves; a code that was sent before is remarked only when it changes."""
+        """Take a low-speed code. Returns its remark; a repeated code is remarked only when it
+        changes.
+        """
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]
             return Remark("environment", value=data * scale, name=name)

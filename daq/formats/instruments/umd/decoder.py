@@ -24,7 +24,7 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UmdSettings:
-    """How to read a uMD board.
+    """Settings of a uMD board.
 
     ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1 single pass: retroreflector,
     or flat mirror seen by a single-aperture head; 2 plane mirror interferometer, 4 high resolution); positions are of the vacuum
@@ -76,7 +76,7 @@ class UmdDecoder:
         self.nominal_rate_hz: float | None = None
         """As last sent by code 8."""
         self.gaps_visible = False
-        """Until the rate shows a board that counts the samples it could not send."""
+        """False until the rate shows a board that counts the samples it could not send."""
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
@@ -112,7 +112,9 @@ class UmdDecoder:
         return batch.samples(arrivals_of_lines(chunks))
 
     def _goes_on(self, rows: Rows) -> bool:
-        """Tell whether rows follow the last one, are of the configured axis, and bring no code that says anything new."""
+        """Return whether rows follow the last row, are of the configured axis, and bring no new
+        code.
+        """
         return rows.shape[1] > self._columns[0] and self._track.goes_on(rows[:, _SEQUENCE]) and not self._news(rows)
 
     def _news(self, rows: Rows) -> list[int]:

@@ -26,7 +26,9 @@ Column = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How lines are read: ``rate_hz`` turns counts a sample into frequencies; ``homodyne`` is None until the board has sent it."""
+    """Interpretation of the lines: ``rate_hz`` turns counts a sample into frequencies; ``homodyne``
+    is None until the board has sent it.
+    """
 
     rate_hz: float | None
     homodyne: bool | None

@@ -35,7 +35,7 @@ _LIMIT = 10**18
 _PADDING = b"0" * 40
 """A line of 16 numbers below the limit is longer than the cap only with such a run of leading zeros."""
 _SMALL_BLOCK = 200
-"""Bytes below which trying the block as a whole costs more than its lines one by one."""
+"""Bytes below which trying the block as a whole costs more than its single lines."""
 
 
 @dataclass(frozen=True, slots=True)

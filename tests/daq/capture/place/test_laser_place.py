@@ -8,7 +8,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.place.laser_place import LaserPlaces
+from stepdiag.daq.capture.place.route import LaserPlaces
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from testkit.routes import make_route

@@ -69,10 +69,10 @@ def test_a_real_number_resolves_its_last_bit():
 def test_what_cannot_be_checked_is_said():
     text = {each.code: each.text for each in unchecked(parse_survey(survey_text(signals=STOPPED_ONLY, setups=("ppp", "npp")), "s"))}
     assert set(text) == {"signals-absent"}
-    assert "cannot tell which" not in text["signals-absent"]
+    assert "cannot distinguish" not in text["signals-absent"]
     cube = survey_text(size=(200.0, 200.0, 100.0), signals=STOPPED_ONLY)
     (without, _) = unchecked(parse_survey(cube, "s"))
-    assert "X and Y make the same step along the diagonal, so the laser cannot tell which of them moved" in without.text
+    assert "X and Y make the same step along the diagonal, so the laser cannot distinguish these axes" in without.text
     assert unchecked(parse_survey(survey_text(), "s")) == ()
     named = "a program that drives another diagonal than its setup code is not noticed"
     (coded, _) = unchecked(

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
+from stepdiag.daq.capture.standing.certain_window import last_beyond_ns, watched_closely
 
 LAST = SimpleNamespace(window_to_ns=0, reading_mm=100.0)
 

@@ -4,7 +4,7 @@ import pytest
 
 from stepdiag.base.findings import in_words
 from stepdiag.base.messages import message
-from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
+from stepdiag.daq.capture.remarks.remarks import StreamRemarks
 from stepdiag.daq.links.ports.tty import _LOSSES
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.records.events import LinkEvent

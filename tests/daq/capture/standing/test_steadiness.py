@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.daq.capture.standing.steadiness import against_itself, step_in_um
-from stepdiag.daq.capture.standing.window import summarise
+from stepdiag.daq.capture.standing.window import against_itself, step_in_um, summarise
 
 
 def doubts(values_um, resolution_um=0.001):

@@ -219,7 +219,7 @@ def test_a_greeting_within_a_count_that_goes_on_is_no_restart():
 def test_a_sample_rate_below_zero_is_told_as_the_board_said_it():
     """Code 8 is the rate in hundredths of a hertz (instruments 1.A)."""
     samples = decode(lines(line(1, code=8, data=-250)))
-    assert [str(notice.why) for notice in samples.notices] == ["the board tells a sample rate of -2.5 Hz: not used"]
+    assert [str(notice.why) for notice in samples.notices] == ["the board reports a sample rate of -2.5 Hz: not used"]
 
 
 @pytest.mark.parametrize("spare", [0, 5])

@@ -70,6 +70,8 @@ class Shop:
     """As the file states it."""
     overrun: bool = True
     """Whether the machine goes beyond the first and the last stop of a pass."""
+    expands: bool = False
+    """Whether the file has readings brought to 20 C."""
     compensated: bool = True
     """What the survey file states of the laser's air."""
     air: tuple = AIR
@@ -202,6 +204,12 @@ def _air_twice(shop, _):
     return replace(shop, compensated=False, line="laser.compensated")
 
 
+def _expansion_twice(shop, rng):
+    """The laser has brought its readings to 20 C, and the file states that this remains to be done."""
+    warm = int(rng.integers(3000, 3500))
+    return replace(shop, value=f"{warm / 100:g} C", expands=True, air=(warm, *AIR[1:]), line="machine.apply_expansion")
+
+
 def _wavelength(shop, rng):
     """The file states a wavelength in vacuum that is another laser's, or that in air."""
     stated_nm, true_nm = [(632.8, 632.991), (632.991, 543.5), (632.991, 1550.0), (632.991, 780.24)][int(rng.integers(4))]
@@ -238,7 +246,7 @@ CAUSES = {
     "axis order": _order, "laser sign": _laser_sign, "optics factor": _optics, "laser late": _laser_late, "plc late": _plc_late,
     "stop bit early": _bit_early, "other box": _other_box, "other diagonal": _other_diagonal,
     "stop bit late": _bit_late, "rate": _rate, "no overrun": _no_overrun, "air never": _air_never, "air twice": _air_twice,
-    "wavelength": _wavelength, "pressure": _pressure, "one fault": _one_fault,
+    "wavelength": _wavelength, "pressure": _pressure, "one fault": _one_fault, "expansion twice": _expansion_twice,
 }  # fmt: skip
 NEEDS_POSITIONS = (
     "offset",
@@ -251,6 +259,7 @@ NEEDS_POSITIONS = (
     "codes shifted",
     "codes stuck",
     "pressure",
+    "expansion twice",
 )
 NEEDS_SIGNALS = ("plc late", "stop bit early", "stop bit late")
 
@@ -314,6 +323,8 @@ def survey_of(shop, *, increments=2):
     text = survey_file(size=shop.size, n=increments, back=shop.back, signals=MACHINES[shop.machine] if shop.machine != "none" else "")
     text = text.replace("dwell_s = 0.8", f"dwell_s = {DWELL_S}")
     text = text.replace("compensated = true", f"compensated = {str(shop.compensated).lower()}\nwavelength_nm = {shop.wavelength_nm}")
+    if shop.expands:
+        text = text.replace("[machine]\n", "[machine]\napply_expansion = true\n", 1)
     if shop.machine == "none":
         text = text.replace("poll_hz = 40", 'transport = "none"') + '[environment]\nsource = "fixed"\n'
     return text
@@ -398,6 +409,7 @@ def corrected(shop, text):
         "wavelength": ("rate_hz =", f"scale = {1 / shop.factor!r}\nrate_hz ="),
         "air never": ("compensated = true", "compensated = false"),
         "air twice": ("compensated = false", "compensated = true"),
+        "expansion twice": ("apply_expansion = true\n", ""),
         "stop bit early": ("settle_s = 0.15", f"settle_s = {0.15 + shop.bit_early_s!r}"),
         "other diagonal": (str(list(SETUPS)).replace("'", '"'), str(exchanged).replace("'", '"')),
         "laser late": ("compensated = true\n", f"compensated = true\nlatency_s = {shop.laser_late_s!r}\n"),

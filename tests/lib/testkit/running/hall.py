@@ -4,9 +4,12 @@ import json
 import os
 import sys
 import time
+import urllib.error
+import urllib.request
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 from stepdiag.demo.processes import Talker, talking
 from testkit.cli import stepdiag
@@ -262,3 +265,25 @@ def until(talker, event, *, timeout_s=500.0, **fields):
         if seen[-1].get("event") == event and all(seen[-1].get(key) == value for key, value in fields.items()):
             return seen
     raise AssertionError(f"no {event} {fields} within {timeout_s} s; last: {seen[-3:]}")
+
+
+def order(port, token, body):
+    """Send a command as the page does; return the status, 0 where nobody listens yet."""
+    headers = {"Authorization": f"Bearer {quote(token)}", "Content-Type": "application/json", "Origin": f"http://127.0.0.1:{port}"}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers)
+    try:
+        with urllib.request.urlopen(request, timeout=60.0) as answer:
+            return answer.status
+    except urllib.error.HTTPError as refused:
+        return refused.code
+    except OSError:
+        return 0
+
+
+def ordered(port, token, name, /, **arguments):
+    """Send a command as soon as somebody listens; it has to be taken."""
+    end = time.monotonic() + 60.0
+    while (status := order(port, token, {"name": name, "arguments": arguments})) == 0:
+        assert time.monotonic() < end, "nobody listens"
+        time.sleep(0.1)
+    assert status == 204

@@ -108,7 +108,7 @@ def test_what_has_no_place_is_refused():
     with pytest.raises(UsageError, match="name it: linear-x"):
         rtl_readings(parse_rtl(FILE.replace("Axis : X", "Axis : C"), "x.rtl"), "", (0, 0, 0), "x.rtl")
     rows, setup = rtl_readings(file, "", (0.0, 500.0, 0.0), "x.rtl")
-    with pytest.raises(UsageError, match="where the line lies"):
+    with pytest.raises(UsageError, match="state the place of the line"):
         with_runs(diagonals(), [(setup, rows)], "readings.csv")
     inside, _ = rtl_readings(file, "", (0.0, 50.0, 0.0), "x.rtl")
     with pytest.raises(UsageError, match="linear-x once"):

@@ -8,11 +8,9 @@ from stepdiag.base.findings import Finding
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.place.laser_place import LaserPlaces
-from stepdiag.daq.capture.place.pass_start import PassFinder
-from stepdiag.daq.capture.place.route import Route, agrees, judge_step
-from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
-from stepdiag.daq.capture.place.walk import Walk, begun_anew
+from stepdiag.daq.capture.place.route import LaserPlaces, Route, agrees, judge_step
+from stepdiag.daq.capture.place.walk import PassFinder, Walk, begun_anew
+from stepdiag.daq.capture.standing.certain_window import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
 from testkit.references import plain

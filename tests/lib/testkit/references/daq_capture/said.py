@@ -9,8 +9,7 @@ from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, condition_names, needed_conditions, with_air
 from stepdiag.daq.capture.log_start import start_of
 from stepdiag.daq.capture.place.walk import Walk
-from stepdiag.daq.capture.remarks.machine_remarks import Alarm, Pulse, credible_of
-from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
+from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known, unchecked
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.records.events import ModbusBlock

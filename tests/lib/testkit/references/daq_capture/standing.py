@@ -6,11 +6,9 @@ import numpy as np
 
 from stepdiag.daq.capture.head_stop import AngleView, QdView, troubles
 from stepdiag.daq.capture.standing.certain_window import came_along, certain_windows, take, unbroken_parts
-from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker, count_steps
-from stepdiag.daq.capture.standing.standstill import Standstills
-from stepdiag.daq.capture.standing.steadiness import against_itself, step_in_um
-from stepdiag.daq.capture.standing.window import find_plateaus, inliers, summarise
-from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
+from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker, Standstills, count_steps
+from stepdiag.daq.capture.standing.window import against_itself, find_plateaus, inliers, step_in_um, summarise
+from stepdiag.daq.capture.stop_capture import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.timing.stream import Span
 from testkit.references import plain
 from testkit.references.daq_capture.place import route_of

@@ -1,21 +1,24 @@
-"""What the machine remarks of itself beside its stops: its heartbeat, alarms, and conditions that are not believed.
+"""What machine and streams remark of themselves beside the stops: heartbeat, alarms, conditions that are not believed, troubles of a line.
 
 Alarms and conditions go to the stop they belong to.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 
 import msgspec
 
-from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Message, message
+from stepdiag.base.findings import Finding, Severity, finding
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.formats.signals import Signals
-from stepdiag.daq.records.events import ModbusBlock
+from stepdiag.daq.records.events import Link, ModbusBlock, Stream
+from stepdiag.daq.timing.samples import Notice
+from stepdiag.daq.timing.stream import StreamBuffer
 
 STILL_NS = 1_500_000_000
 """The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed for by half as much again."""
@@ -73,7 +76,7 @@ class Alarm:
 def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
     """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
-    doubted = [] if walk.route.travel.is_fourdof else judged.doubted
+    doubted = judged.doubted if judged.doubted and not walk.route.travel.is_fourdof else []
     for words in (*judged.remarks, *doubted):
         yield walk.finding("warning", stops[0].stop if stops else walk.expected, words)
     for each in taken:
@@ -91,3 +94,56 @@ def credible_of(stop: CapturedStop) -> dict[str, Credible]:
     """Return the conditions of a stop that were believed."""
     values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
     return {name: Credible(value=value, time_s=stop.time_s) for name, value in values.items() if value is not None}
+
+
+_FIGURES = re.compile(r"\d+")
+LISTEN_NS = 1_000_000_000
+"""How often the remarks of the streams are asked for."""
+STREAMS: dict[Link, Message] = {
+    "laser": message("stream-laser"),
+    "head": message("stream-head"),
+    "air": message("stream-air"),
+    "machine": message("stream-machine"),
+}
+KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
+
+
+CODES = {"garbage": "bytes-garbled", "gap": "samples-missing", "restart": "instrument-restart", "device": "instrument-reports"}
+"""The code of each kind of notice, whatever the instrument."""
+
+
+class StreamRemarks:
+    """Says each kind of trouble with a stream once a log: a wrong baud rate would say it a thousand times a second."""
+
+    def __init__(self, streams: dict[Stream, StreamBuffer]) -> None:
+        self._streams = streams
+        self._reported: set[str] = set()
+        self._listened_ns = 0
+
+    def listen_now_and_then(self, now_ns: int, outcomes: list[Outcome]) -> None:
+        """Say what is new where the last time is a second ago."""
+        if now_ns - self._listened_ns >= LISTEN_NS:
+            self._listened_ns = now_ns
+            self.listen(outcomes)
+
+    def listen(self, outcomes: list[Outcome]) -> None:
+        """Say what is new; before anything else is reported, so that the order is that of the events."""
+        for stream, buffer in self._streams.items():
+            for notice in buffer.heard():
+                self._say(stream, notice, outcomes)
+
+    def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
+        """Report where bytes were lost on the way, each cause once a log: how often it came is the link's own matter."""
+        for cause in causes:
+            kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
+            if kind not in self._reported:
+                self._reported.add(kind)
+                lost = message("samples-missing.bytes", stream=STREAMS[link], cause=cause)
+                outcomes.append(finding("warning", lost))
+
+    def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
+        kind = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
+        if notice.code in KINDS and kind not in self._reported:
+            self._reported.add(kind)
+            what = message("of-stream", stream=STREAMS[stream], what=notice.why)
+            outcomes.append(finding(KINDS[notice.code], what, code=CODES[notice.code]))

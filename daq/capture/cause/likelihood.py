@@ -1,0 +1,245 @@
+"""How well a hypothesis fits the standstills of a pass: by positions, by the laser's steps, and by the times of its moves."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.messages import Message
+from stepdiag.daq.capture.place.route import Route, agrees
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import find_plateaus
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.timing.stream import StreamBuffer
+
+BESIDE_MM, RANGE_MM = 0.1, 1000.0
+STEP_MM, STEP_SHARE = 0.02, 0.01
+"""A step of the laser is off by settling and rounded positions, and by a mirror that leans: the cosine of a bad alignment is 1e-3."""
+OUTLIER = 1e-3
+CAUSE, SURE = 6.0, 7.0
+"""One survey in four hundred has a certain wrong line; one name in a thousand may be wrong."""
+SINGLE = 8.0
+"""One standstill in three thousand is a feed hold, a stop driven twice or one that was not seen."""
+MOVES = {1: 0.0, 0: SINGLE, 2: SINGLE, 3: SINGLE}
+CONFIRMED = 2
+FREE = math.log(RANGE_MM / BESIDE_MM)
+ON_TIME = (0.0, 0.0)
+EDGE_S, RANGE_S, PLATEAU_S = 0.03, 2.0, 0.1
+"""An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
+LEAST_MOVE_MM = 1.0
+LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
+Matrix = NDArray[np.float64]
+Change = tuple[str, str]
+"""A line of the survey file as a dotted name, and its new value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A move that the laser saw: how much later than the signals it left the standstill before and came to this one, in s, and its length.
+
+    ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the polls.
+    """
+
+    left_s: float
+    came_s: float
+    step_mm: float
+    u_s: float
+
+    def fits(self, late_s: tuple[float, float]) -> float:
+        """Return the logarithm of the likelihood of both times where the laser is so much later than the signals."""
+        off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
+        return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
+
+
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """One standstill: the signals as decoded, what the laser reads (None: nothing), and how often its count was lost until then.
+
+    ``moves`` are those of the laser that may be the one to this standstill; none where no plateaus were seen.
+    """
+
+    signals: Signals
+    reading_mm: float | None
+    losses: int = 0
+    moves: tuple[Move, ...] = ()
+
+    def move(self, late_s: tuple[float, float]) -> Move | None:
+        """Return the move to this standstill where the laser is so much later than the signals; None where none was seen."""
+        return max(self.moves, key=lambda move: move.fits(late_s), default=None)
+
+
+def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
+    """Return the moves of the laser about two dwells in a row: from any plateau to any later one.
+
+    The moments of the signals lie between two polls; those of the laser are the edges of its plateaus.
+    """
+    poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
+    span = laser.span(before.from_ns - MOST_LATE_S * 1e9, math.inf)
+    levels = find_plateaus(span.time_ns, span.position_mm, PLATEAU_S)
+    u_s = math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
+    moves = (
+        Move(
+            (level.to_ns - before.to_ns - poll_ns / 2) * 1e-9, (after.from_ns - dwell.from_ns + poll_ns / 2) * 1e-9,
+            after.level_mm - level.level_mm, u_s,
+        )
+        for number, level in enumerate(levels)
+        for after in levels[number + 1 :]
+    )  # fmt: skip
+    return tuple(
+        each for each in moves if abs(each.left_s) < MOST_LATE_S and abs(each.came_s) < MOST_LATE_S and abs(each.step_mm) > LEAST_MOVE_MM
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A hypothesis: where the machine drives, what the control shows of it, what the laser reads of it, and the lines to change.
+
+    ``factors`` and ``shifts_mm`` map planned positions to those shown, whose axes are taken in the order ``axes``. ``free`` is the number
+    of fitted numbers.
+    """
+
+    route: Route
+    axes: tuple[int, ...] = (0, 1, 2)
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    shifts_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    laser: float = 1.0
+    late_s: tuple[float, float] = ON_TIME
+    free: int = 0
+    kind: str = ""
+    what: Message | None = None
+    changes: tuple[Change, ...] = ()
+
+    def shown_mm(self, count: int) -> Matrix:
+        """Return what the control shows at the first standstills, shape (count, 3)."""
+        stops = self.route.stops_mm[:count][:, list(self.axes)]
+        shown: Matrix = stops * self.factors + self.shifts_mm
+        return shown
+
+    def steps_mm(self, count: int) -> Matrix:
+        """Return the laser's steps between the first standstills, shape (count - 1,)."""
+        steps: Matrix = self.laser * np.diff(self.route.nominal_mm[:count])
+        return steps
+
+    def parts_from(self, other: "Cause", stops: int) -> int | None:
+        """Return the first stop after so many at which another hypothesis shows another position or step; None where none does."""
+        count = min(len(self.route), len(other.route))
+        apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > 4 * BESIDE_MM, axis=1)
+        apart[1:] |= ~_agrees(self.steps_mm(count), other.steps_mm(count))
+        later = np.flatnonzero(apart[stops:])
+        return stops + int(later[0]) if len(later) else None
+
+
+@dataclass(slots=True)
+class Evidence:
+    """The standstills of a pass so far."""
+
+    stands: list[Stand] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.stands)
+
+    def steps_mm(self, late_s: tuple[float, float] = ON_TIME) -> Matrix:
+        """Return the laser's steps between the standstills; where it is late against the signals, those of the moves that it made then."""
+        readings = [math.nan if each.reading_mm is None else each.reading_mm for each in self.stands]
+        steps: Matrix = np.diff(np.array(readings))
+        if late_s != ON_TIME:
+            moves = [each.move(late_s) for each in self.stands[1:]]
+            steps = np.array([step if move is None else move.step_mm for step, move in zip(steps, moves, strict=True)])
+        return steps
+
+    def shown_mm(self) -> Matrix | None:
+        places = [each.signals.commanded_mm for each in self.stands]
+        return None if None in places else np.array(places, dtype=np.float64)
+
+    def fit(self, cause: Cause) -> float:
+        """Return the logarithm of the likelihood of a hypothesis and of its prior."""
+        count, shown = len(self), self.shown_mm()
+        wanted, steps = cause.steps_mm(count), self.steps_mm(cause.late_s)
+        score = self.in_time(cause) - CAUSE * bool(cause.changes) - FREE * cause.free
+        score += float(np.nansum(_log_likelihood(steps - wanted, STEP_MM + STEP_SHARE * np.abs(wanted))))
+        if shown is not None:
+            score += float(np.sum(_log_likelihood(shown - cause.shown_mm(count), np.full(shown.shape, BESIDE_MM))))
+        return score
+
+    def as_stated(self, route: Route) -> float:
+        """Return the best logarithm of the likelihood of the file as it is, over the ways in which a pass goes wrong at single stops.
+
+        A standstill is the next stop, or for `SINGLE` each the same one again, one or two further on, or no stop at all: then it lies
+        anywhere on the way. Its step counts from the last standstill that is a stop.
+        """
+        shown = self.shown_mm()
+        usual_mm = STEP_MM + STEP_SHARE * float(np.median(np.abs(np.diff(route.nominal_mm))))
+        alike = float(_log_likelihood(np.zeros(1), np.array([usual_mm]))[0])
+        placed = 3 * float(_log_likelihood(np.zeros(1), np.array([BESIDE_MM]))[0])
+        paths: dict[tuple[int, int], float] = {(-1, -1): 0.0}
+        for number, stand in enumerate(self.stands):
+            following: dict[tuple[int, int], float] = {}
+
+            def reach(key: tuple[int, int], score: float, following: dict[tuple[int, int], float] = following) -> None:
+                following[key] = max(following.get(key, -math.inf), score)
+
+            for (stop, base), score in paths.items():
+                nowhere = score - SINGLE - math.log(RANGE_MM)
+                nowhere += 2 / 3 * placed + (alike if number else 0.0) if shown is not None else 0.0
+                reach((stop, base), nowhere)
+                for onward, cost in MOVES.items():
+                    there = stop + onward
+                    if not 0 <= there < len(route):
+                        continue
+                    turned = stop == -1 and there == 1  # the machine turned at its first stop, which the pass before holds
+                    found = score - (1.0 if turned else cost)
+                    if shown is not None:
+                        found += float(np.sum(_log_likelihood(shown[number] - route.stops_mm[there], np.full(3, BESIDE_MM))))
+                    before = self.stands[base].reading_mm if base >= 0 else None
+                    if before is not None and stand.reading_mm is not None:
+                        wanted = route.step_mm(stop, there)
+                        off = np.array([stand.reading_mm - before - wanted])
+                        found += float(_log_likelihood(off, np.array([STEP_MM + STEP_SHARE * abs(wanted)]))[0])
+                    elif number:
+                        found += alike
+                    reach((there, number), found)
+            paths = following
+        return max(paths.values())
+
+    def in_time(self, cause: Cause) -> float:
+        """Return the logarithm of the likelihood of the edges of the moves."""
+        return sum(move.fits(cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None)
+
+    def confirms(self, cause: Cause) -> bool:
+        """Tell whether the laser has confirmed enough steps, or enough moves in time, and no position contradicts."""
+        shown = self.shown_mm()
+        if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > 4 * BESIDE_MM:
+            return False
+        if cause.late_s != ON_TIME:
+            seen = [(move, cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None]
+            alike = [abs(move.left_s - left) < 4 * move.u_s and abs(move.came_s - came) < 4 * move.u_s for move, (left, came) in seen]
+            return sum(alike) >= CONFIRMED and self.agreeing(cause) >= CONFIRMED
+        return self.agreeing(cause) >= CONFIRMED
+
+    def goes_on(self, route: Route) -> bool:
+        """Tell whether every standstill is the next stop of the route, from its first or its second on, by position and by the laser."""
+        steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
+        for begin in (0, 1):
+            places, wanted = route.stops_mm[begin : begin + count], np.diff(route.nominal_mm[begin : begin + count])
+            there = len(places) == count and (shown is None or bool(np.abs(shown - places).max() <= 4 * BESIDE_MM))
+            if there and bool(np.all(_agrees(steps, wanted))):
+                return True
+        return False
+
+    def agreeing(self, cause: Cause) -> int:
+        """Return how many steps of the laser are those of a hypothesis."""
+        wanted = cause.steps_mm(len(self.stands))
+        return int(np.count_nonzero(_agrees(self.steps_mm(cause.late_s), wanted)))
+
+
+def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
+    """Tell which steps are those wanted, by the measure of a single step (`place.route.agrees`)."""
+    return np.array([agrees(step, nominal) for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)])
+
+
+def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
+    """Return the logarithm of the density of residuals: a normal one, or an outlier anywhere in the range; NaN where unknown."""
+    normal = np.exp(-0.5 * (off / scatter) ** 2) / (scatter * math.sqrt(2 * math.pi))
+    density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
+    return density
