@@ -95,10 +95,11 @@ release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes
 	cp LICENSE $(RELEASE)/
 	tools/sums $(RELEASE)
 
-deb: $(VENV)/.ready ## packages for Debian 12 on amd64 and arm64, into release/, listed in its SHA256SUMS
+deb: $(VENV)/.ready ## packages for Debian 12, 13 and Ubuntu 24.04 on amd64 and arm64, into release/, listed in its SHA256SUMS
 	rm -rf $(RELEASE)/wheel && mkdir -p $(RELEASE)/wheel
 	$(UV) build $(BUILD) --out-dir $(RELEASE)/wheel
-	for architecture in amd64 arm64; do tools/deb $(RELEASE)/wheel/*.whl $$architecture $(RELEASE) || exit 1; done
+	for suite in bookworm trixie noble; do for architecture in amd64 arm64; do \
+	    tools/deb $(RELEASE)/wheel/*.whl $$architecture $(RELEASE) $$suite || exit 1; done; done
 	rm -r $(RELEASE)/wheel
 
 docs: $(VENV)/.ready ## the documentation as a site, into .setup/site/; a link that leads nowhere ends it

@@ -45,7 +45,7 @@ TOGETHER = {
         "tests/stepdiag/api/test_tables.py",
         "tests/solver/methods/test_estimate.py::test_angular_errors_known_to_one_microradian",
         "tests/solver/methods/test_estimate.py::test_stated_uncertainties_of_the_usual_survey",
-        "tests/solver/adjustment/test_robustness.py::test_good_surveys_are_left_alone",
+        "tests/solver/adjustment/test_faults.py::test_good_surveys_are_left_alone",
     ),
 }
 """Beginnings of the names of tests that one process runs."""

@@ -1,6 +1,7 @@
 """Names of the files in the folder of a survey; loads nothing."""
 
 from pathlib import Path
+from urllib.parse import quote
 
 RESULT = "result.json"
 READINGS = "readings.csv"
@@ -10,6 +11,11 @@ AHEAD = "ahead.json"
 """The next passes, after the driven ones."""
 REFUSED = "REFUSED.txt"
 """Why there are no files for a control, in the folder where they would be."""
+
+
+def machine_folder(machine: str) -> str:
+    """Return the folder of a machine in a store of finished surveys."""
+    return f"machine={quote(machine, safe=' ')}"
 
 
 def logs_in(folder: Path) -> list[Path]:

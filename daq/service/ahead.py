@@ -12,6 +12,7 @@ from stepdiag.daq.records.status import AheadStatus
 from stepdiag.daq.records.survey_folder import AHEAD
 
 LARGEST_BYTES = 100_000
+"""A larger file was not written by this program."""
 
 
 def write_ahead(folder: Path, ahead: AheadStatus) -> None:

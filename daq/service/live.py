@@ -19,10 +19,13 @@ OLD_S = 10.0
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
 """Messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
+"""A larger file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser sent last of air and material."""
+    """The state of a daemon at a moment; ``time_s`` since 1970, ``conditions`` the newest values of air
+    and material from a sensor or the laser.
+    """
 
     time_s: float
     waits_for: Words
@@ -31,7 +34,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     plc: LinkStatus
     head: LinkStatus | None = None
     air: LinkStatus | None = None
-    told: dict[str, float] = {}
+    conditions: dict[str, float] = {}
 
     def awaits_stop_of(self, setup: str) -> bool:
         """Tell whether the daemon waits for the next stop of a setup."""

@@ -30,16 +30,17 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """Return the open passes of the plan, in the order of driving; empty if every pass is in and
     nothing is doubted.
 
-    A pass counts from its next stop. Its minutes are those of its stops at the measured pace (at
-    first the planned pace); the first pass of a new setup includes the setting up. ``running`` is
-    the setup being driven now.
+    A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured pace (as planned before there is one);
+    the first pass of a setup that does not stand has the setting up in it, as long as those before took. ``running`` is the setup that the
+    machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
+    planned = own_minutes(survey, (stop for each in book.passes for stop in each.chosen().values()))
     order = [name for name in dict.fromkeys((running, book.next_setup(), *plan.all_setups)) if name]
     drives: list[DriveStatus] = []
     for name in order:
-        stop_s, setting_up_s = _pace(survey, book, name)
+        stop_s, setting_up_s = _pace(planned, book, name)
         setting_up_s = 0.0 if name == standing and not drives else setting_up_s
         for number in book.open_passes(name):
             drive = _drive(survey, book, name, number, running=name == running)
@@ -99,9 +100,9 @@ def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> Dri
     )
 
 
-def _pace(survey: Survey, book: PassBook, setup: str) -> tuple[float, float]:
+def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
     """Return the seconds from stop to stop and those of setting up."""
-    planned, setting_up = _times(survey.planned, setup)
+    planned, setting_up = _times(plan, setup)
     measured = _measured_pace_s(book)
     return (planned if measured is None or measured >= LONGEST_DWELL * planned else measured), setting_up
 

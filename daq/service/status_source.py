@@ -29,6 +29,7 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
+"""Characters of an argument: names and reasons stand in one line of the page and the log."""
 _log = structlog.get_logger("daemon")
 
 
@@ -125,7 +126,9 @@ class DaemonStatusSource:
         """Return what `status` shows of a daemon that runs."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
-        return LiveStatus(time_s=time.time(), **words, told=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air)
+        return LiveStatus(
+            time_s=time.time(), **words, conditions=self._at_work.session.conditions(), laser=laser, plc=plc, head=head, air=air
+        )
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""

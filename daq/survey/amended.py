@@ -21,8 +21,8 @@ _NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
-    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes and shifted
-    beams, and ``[volume]`` has these ``increments`` if given; all else is untouched.
+    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and shifts, and ``[volume]`` has these
+    ``increments`` where they are given; all else is untouched.
 
     Raises UsageError if the survey cannot hold such a plan (a run of a head that it lacks), or
     writes its plan in another form.
@@ -163,4 +163,5 @@ def _settings(plan: Plan) -> dict[str, str]:
         "return_pass": f"return_pass = {str(plan.return_pass).lower()}\n",
         "repeats": f"repeats = {plan.repeats}\n",
         "axis_orders": f"axis_orders = {json.dumps(plan.axis_orders)}\n",
+        "dwell_s": f"dwell_s = {plan.dwell_s}\n",
     }

@@ -20,6 +20,7 @@ _ADVISED = ('axis_orders = ["xyz", "yzx", "zxy"]', "targets = 40")
 LEAST, USUAL, MOST = 8, 10, 20
 """Numbers of increments that a new survey may have."""
 _ROUNDING_MM = 1e-6
+"""Rounding of a quotient of lengths, not a deviation from whole micrometres."""
 _SILENT = 'transport = "none"\n'
 
 

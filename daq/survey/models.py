@@ -58,6 +58,7 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     directory: str = "."
     temperature_note: Line = ""
     event: Line = ""
+    archive: Line = ""
 
 
 AxisOrder = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]

@@ -403,12 +403,14 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
         yield refuse(source, "plc.timeout_s", message("more-than-ms-one", value=wire_s * 1000.0), plc.timeout_s)
 
 
+def least_dwell_s(survey: Survey) -> float:
+    """Return how long the machine stands at least: a stop is certain only between the first and the last poll that saw it, so that dwell >
+    settle + window + 2 polls (instruments.md 4.2)."""
+    return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz
+
+
 def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
-    """A stop is certain only between its first and its last poll: dwell > settle + window + 2 polls
-    (instruments.md 4.2).
-    """
-    poll_s = 1.0 / survey.plc.poll_hz
-    needed = survey.stop.settle_s + survey.stop.min_window_s + 2.0 * poll_s
+    needed, poll_s = least_dwell_s(survey), 1.0 / survey.plc.poll_hz
     if survey.plan.dwell_s < needed:
         parts = {"settle_s": survey.stop.settle_s, "window_s": survey.stop.min_window_s, "poll_s": poll_s}
         yield refuse(source, "plan.dwell_s", message("at-least-s", needed=needed, **parts), survey.plan.dwell_s)

@@ -59,7 +59,7 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
     Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its
     list names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs of a broken write are no files.
     """
-    wanted = _listed(folder)
+    wanted = listed(folder)
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     missing = [name for name in wanted if name not in present]
     if missing:
@@ -87,7 +87,7 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
         if path.name == SUMS:
             read_set(path.parent)
         elif (path.parent / SUMS).is_file():
-            _refuse_altered(path.parent, _listed(path.parent), (file,))
+            _refuse_altered(path.parent, listed(path.parent), (file,))
         read.append(file)
     return tuple(read)
 
@@ -107,17 +107,8 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
     return packed.getvalue()
 
 
-def whole(folder: Path) -> bool:
-    """Tell whether a folder holds a set, complete and unaltered."""
-    try:
-        read_set(folder)
-    except (SafetyError, DataError, UsageError, OSError):
-        return False
-    return True
-
-
-def _listed(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 by name, as the folder's list says."""
+def listed(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 by name, as the folder's list says. Raises DataError where there is none, SafetyError for another text."""
     path = folder / SUMS
     if not path.is_file():
         expected = message("set-folder", name=SUMS)
@@ -128,6 +119,15 @@ def _listed(folder: Path) -> dict[str, str]:
     if not wanted or len(wanted) != len(lines):
         raise _refusal(folder, "set-altered", message("export-writes", sums=SUMS), message("another-text"))
     return wanted
+
+
+def whole(folder: Path) -> bool:
+    """Tell whether a folder holds a set, complete and unaltered."""
+    try:
+        read_set(folder)
+    except (SafetyError, DataError, UsageError, OSError):
+        return False
+    return True
 
 
 def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:

@@ -15,6 +15,9 @@ from pathlib import Path
 
 POLL_S, STILL_S, QUIET_S = 0.01, 0.25, 60.0
 NEAR, STIR = 1e-4, 1e-9
+"""Distance within which an axis stands at a row, and change of a command that counts as motion, in
+units of the machine.
+"""
 
 
 class Reader:

@@ -16,8 +16,9 @@ probability `ALIEN_ODDS`, whatever the state: one function that was repaired say
 
 One table among several that fits the other state, for the size that the others show, is a forgotten switch: a question that names it.
 
-A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about. Functions are judged by
-kind of table, so that one forgotten switch shows.
+A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about, as is a share that ordinary
+tables show in neither state (`NEITHER`): one of twice the size that is off and one of two thirds that is on both show it. Functions are
+judged by kind of table, so that one forgotten switch shows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,6 +43,8 @@ SEEN = 0.3
 """A share less certain than this says nothing: the old table is no larger than what the survey does not know."""
 CONTRADICTED, DOUBTED = 20.0, 4.0
 """Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
+NEITHER = (0.43, 0.71)
+"""Shares of tables of 0.7 to 1.4 of the right size lie below while they act, and above while they do not."""
 FEWEST_BESIDE = 2
 """So many other tables of a kind have to show the size before one of them is judged by itself."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
@@ -198,7 +201,7 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
         if against > CONTRADICTED:
             text = message("compensation-contradicted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
             yield finding("error", text)
-        elif against > DOUBTED:
+        elif against > DOUBTED or (not alone and NEITHER[0] + 1.5 * group.u < group.value < NEITHER[1] - 1.5 * group.u):
             text = message("compensation-contradicted.doubted", names=group.names, stated=stated, share=share, expanded=expanded, each=each)
             yield finding("warning", text)
         elif alone:

@@ -138,13 +138,20 @@ class Siemens:
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
         options = profile.options_as(SiemensOptions)
+        acted = profile.machine.measured_with == "on"
         eec_loads = [
-            Load(table=table, lines=eec.assignments(table, options.decimals, options.eec_points.get(table.input_axis, 0)))
+            Load(table=table, lines=eec.assignments(table, options.decimals, points), held=restore.held_lines(table, profile), acted=acted)
             for table in tables
             if table.kind == eec.KIND
+            for points in [options.eec_points.get(table.input_axis, 0)]
         ]
         cec_loads = [
-            Load(table=table, lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0))
+            Load(
+                table=table,
+                lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0),
+                held=restore.held_lines(table, profile),
+                acted=acted,
+            )
             for table in numbered([table for table in tables if table.kind != eec.KIND])
         ]
         files: list[ControlFile] = []
@@ -246,7 +253,7 @@ class Siemens:
         return (
             "Back up NC data and machine data. Changing MD38000 or MD18342 reformats the static memory at the next start.",
             f"Check that measuring system {system} is the one in use, and that MD38000 and MD18342 hold at least the points of each table.",
-            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes, switch off, write, switch on.",
+            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes and what the control holds, switch off, write, switch on.",
             "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
             "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
             "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",

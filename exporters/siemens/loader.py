@@ -14,21 +14,29 @@ from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
+_POINTS = ("$AA_ENC_COMP[", "$AN_CEC[")
 _REFUSALS = {
     "NOT_METRIC": "THE CONTROL IS NOT SCALED METRIC: NOTHING WRITTEN",
     "TOO_SMALL": "MD38000 OR MD18342 IS TOO SMALL FOR THE TABLE: NOTHING WRITTEN",
     "SUM_TOO_LARGE": "MD32720 IS BELOW THE LARGEST CEC VALUE: NOTHING WRITTEN",
+    "OTHER_TABLES": "THE CONTROL DOES NOT HOLD WHAT machine.existing STATES: NOTHING WRITTEN, READ IT OUT",
 }
+_DIGIT_MM = 1e-5
+"""Values may differ by the digit that archives leave out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """A table to be loaded: its assignments, points first, whether it is to act afterwards, and its
-    weight (CEC).
+    """One table to be loaded: its assignments, points first, whether it is to act afterwards, and with which weight (CEC).
+
+    ``held`` are the assignments that the machine's own files have for it: the program writes only where the control holds these values or
+    already the new ones. None: whatever it holds. ``acted``: these acted while measuring, so that they are on and have the weight 1.
     """
 
     table: Table
     lines: Sequence[str]
+    held: Sequence[str] | None = None
+    acted: bool = False
     active: bool = True
     weight: float = 1.0
 
@@ -41,13 +49,16 @@ def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
         f"IF $MA_MM_ENC_COMP_MAX_POINTS[{key}]<{len(load.table.position_mm)} GOTOF TOO_SMALL" for key, load in zip(keys, loads, strict=True)
     ]
     for key, load in zip(keys, loads, strict=True):
+        body += _known("$AA_ENC_COMP[{},POINT,{}]".format(*key.split(",")), f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", load)
+        body += _acted(load, f"$MA_ENC_COMP_ENABLE[{key}]==0")
+    for key, load in zip(keys, loads, strict=True):
         system, axis = key.split(",")
         body += [f"$MA_ENC_COMP_ENABLE[{key}]=0", "NEWCONF", "STOPRE", *load.lines]
         body += _zero_surplus(f"$AA_ENC_COMP[{system},POINT,{axis}]", f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", _points(load.lines))
         body += ["STOPRE", "NEWCONF"]
         if load.active:
             body += [f"$MA_ENC_COMP_ENABLE[{key}]=1", "STOPRE", "NEWCONF"]
-    return _program("LOAD_EEC", body, notes, ("NOT_METRIC", "TOO_SMALL"))
+    return _program("LOAD_EEC", body, notes)
 
 
 def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
@@ -63,6 +74,9 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
         f"IF $MN_MM_CEC_MAX_POINTS[{index}]<{len(table.position_mm)} GOTOF TOO_SMALL" for index, table in zip(indices, tables, strict=True)
     ]
     body += [f"IF $MA_CEC_MAX_SUM[{axis}]<{fixed(total, 4)} GOTOF SUM_TOO_LARGE" for axis, total in _largest_sums(tables, outputs).items()]
+    for index, load in zip(indices, loads, strict=True):
+        body += _known(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", load)
+        body += _acted(load, f"$SN_CEC_TABLE_ENABLE[{index}]==0", f"$SN_CEC_TABLE_WEIGHT[{index}]<>1")
     for axis in outputs.values():
         body += [f"$MA_CEC_ENABLE[{axis}]=FALSE", "NEWCONF"]
     for index, load in zip(indices, loads, strict=True):
@@ -73,12 +87,33 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
         if any(load.active for load in loads if load.table.output_axis == letter):
             body += [f"$MA_CEC_ENABLE[{axis}]=TRUE", "NEWCONF"]
     body += [f"$SN_CEC_TABLE_ENABLE[{index}]=TRUE" for index, load in zip(indices, loads, strict=True) if load.active]
-    return _program("LOAD_CEC", [*body, "NEWCONF", "STOPRE"], notes, tuple(_REFUSALS))
+    return _program("LOAD_CEC", [*body, "NEWCONF", "STOPRE"], notes)
+
+
+def _known(variable: str, size: str, load: Load) -> list[str]:
+    """Return the lines that leave a program where the control holds neither the old values nor the new ones: sums of values times their
+    number from 1, which an exchange of two changes as well."""
+    if load.held is None:
+        return []
+    least = _DIGIT_MM * len(load.table.position_mm) ** 2
+    off = [f"(ABS(HELD-({fixed(_weighed_mm(lines), 6)}))>{fixed(least, 6)})" for lines in (load.held, load.lines)]
+    loop = [f"FOR POINT=0 TO {size}-1", f"HELD=HELD+(POINT+1)*{variable}", "ENDFOR"]
+    return ["HELD=0", *loop, f"IF {' AND '.join(off)} GOTOF OTHER_TABLES"]
+
+
+def _acted(load: Load, *unlike: str) -> list[str]:
+    """Return the lines that leave a program where a table that acted while measuring does not act now."""
+    return [f"IF {state} GOTOF OTHER_TABLES" for state in unlike if load.acted and load.held]
+
+
+def _weighed_mm(assignments: Sequence[str]) -> float:
+    points = (line.partition("[")[2].partition("]=") for line in assignments if line.startswith(_POINTS))
+    return sum((int(index.split(",")[1]) + 1) * float(value) for index, _, value in points)
 
 
 def _points(assignments: Sequence[str]) -> int:
     """Return how many point values the assignments write: they come first, the grid after them."""
-    return sum(line.startswith(("$AA_ENC_COMP[", "$AN_CEC[")) for line in assignments)
+    return sum(line.startswith(_POINTS) for line in assignments)
 
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
@@ -94,9 +129,10 @@ def _largest_sums(tables: Sequence[Table], outputs: Mapping[str, str]) -> dict[s
     }
 
 
-def _program(name: str, body: Sequence[str], notes: Sequence[str], refusals: Sequence[str]) -> ControlFile:
-    lines = [*(f"; {note}" for note in notes), "DEF INT POINT", *body]
+def _program(name: str, body: Sequence[str], notes: Sequence[str]) -> ControlFile:
+    sums = ["DEF REAL HELD"] if "HELD=0" in body else []
+    lines = [*(f"; {note}" for note in notes), "DEF INT POINT", *sums, *body]
     lines += ['MSG("TABLES WRITTEN: NCK RESET, THEN REFERENCE ALL AXES")', "M0", "M30"]
-    for label in refusals:
+    for label in (each for each in _REFUSALS if any(line.endswith(f" GOTOF {each}") for line in body)):
         lines += [f"{label}:", f'MSG("{_REFUSALS[label]}")', "M0", "M30"]
     return ControlFile(name=f"{name}.MPF", data="\n".join([*lines, ""]).encode("ascii"), role="program")

@@ -125,6 +125,13 @@ def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old,
     )
 
 
+def held_lines(table: Table, profile: Profile) -> list[str]:
+    """Return the assignments of the machine's own files at the place of a table; none where they have none."""
+    if table.kind == eec.KIND:
+        return _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index).get(_eec_place(table), [])
+    return _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0]).get(_cec_place(table), [])
+
+
 def _eec_place(table: Table) -> str:
     return f"{int(table.place['measuring system']) - 1},{table.place['axis']}"
 

@@ -23,6 +23,7 @@ from stepdiag.exporters.tables.profile import whole_steps
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
 _DECIMALS = 3
+"""Decimals of a vector in um: a nanometre, below every resolution of a control."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

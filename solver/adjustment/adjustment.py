@@ -8,26 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conformity import COVERAGE
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
-from stepdiag.solver.adjustment.explanations import PRODUCT, Explained, effects_beside, explained, name_explained
-from stepdiag.solver.adjustment.robustness import (
-    BETTER,
-    MOST,
-    Suspicion,
-    effects_for,
-    most_suspicious,
-    name_excess,
-    name_suspicion,
-    trial_of,
-    weight_without,
-    with_apart,
-)
+from stepdiag.solver.adjustment.evidence import ODDS, PRODUCT
+from stepdiag.solver.adjustment.explanations import Explained, effects_beside, explained
+from stepdiag.solver.adjustment.faults import MOST, Suspicion, effects_for, most_suspicious, trial_of, weight_without, with_apart
+from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_suspicion
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
-from stepdiag.solver.adjustment.signs import wrong_signs
+from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
@@ -269,13 +261,17 @@ class _Task:
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
         """Return the fit with the angular functions turned over, and named, that all else knows with the other sign."""
         right = sorted(self.angles)
-        while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}, BETTER):
+        while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}):
             self.target += sum(self._change_by_sign(name) for name in wrong)
             turned = {name: replace(self.angles[name], value_urad=-self.angles[name].value_urad) for name in wrong}
             self.angles = {**self.angles, **turned}
             self.findings += [finding("error", message("angles-far.sign", name=name)) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
+        # a function that is no larger than the expanded uncertainty of both its ends has no sign that is known
+        large = [name for name in right if np.ptp(self.angles[name].value_urad) > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)]
+        if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}, BETTER):
+            self.findings += [finding("info", message("straightness-unchecked.angles", names=unseen))]
         return current
 
     def _change_by_sign(self, name: str) -> Vector:
@@ -406,7 +402,8 @@ class _Task:
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
         with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
-        return likelier(with_it, current) + max(suspicion.smoother, 0.0) > BETTER
+        best = suspicion.best
+        return bool(0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior > np.log(ODDS))
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out one contradiction after the other and yield the fit without it."""
@@ -420,8 +417,8 @@ class _Task:
                 return
             suspicion = with_apart(suspicion, self.design.columns, self.layout.volume, self.chain)
             self.kept = weight_without(self.kept / self.u**2, suspicion) * self.u**2
-            self.effects += effects_for(self.layout, suspicion)
             self.findings.append(name_suspicion(self.layout, suspicion))
+            self.effects += effects_for(self.layout, suspicion, self.findings[-1].words)
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
             yield current
 

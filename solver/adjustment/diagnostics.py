@@ -14,7 +14,8 @@ from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
+from stepdiag.solver.adjustment.evidence import HIDDEN, tell
+from stepdiag.solver.adjustment.explanations import along_the_way_m
 from stepdiag.solver.adjustment.scatter import FIRST
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.volume import Vector
+from stepdiag.solver.adjustment.evidence import ODDS, TURNED, log_prior
 from stepdiag.solver.linear.components import likelier
 from stepdiag.solver.linear.fit import refit
 from stepdiag.solver.linear.mixed import MixedFit
@@ -18,11 +19,12 @@ LEAST, MOST = 0.6, 1.6
 """Sizes between which the other sign is meant, beside what is wrong as well."""
 
 
-def wrong_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) -> list[str]:
-    """Return the functions whose other sign makes the readings likelier, each by more than ``better``; their sizes are found together.
+def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
+    """Return the functions whose other sign makes the readings likelier, each by more than chance; their sizes are found together.
 
     ``turned`` holds for each function by what its other sign changes the target of the fit, shape (rows,); the sizes of all causes stay.
     """
+    better = 2.0 * (np.log(ODDS) - log_prior(TURNED, 1))
     names = [name for name in turned if _square(current, turned[name]) > better]
     target = current.fixed.target
     while names:
@@ -37,6 +39,11 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) 
         names = meant
     whole = _of(current, target + sum(turned[name] for name in names))
     return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > better]
+
+
+def unseen_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) -> list[str]:
+    """Return the functions whose other sign changes nothing by which the readings would tell it, ``turned`` as in `wrong_signs`."""
+    return [name for name, change in turned.items() if _square(current, change) <= better]
 
 
 def _square(current: MixedFit, target: Vector) -> float:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from stepdiag.base.result.members import UnseenSlip, UnseenSlips
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
-from stepdiag.solver.adjustment.hypotheses import CRITICAL, HIDDEN, LEAST_UM
+from stepdiag.solver.adjustment.evidence import HIDDEN, STEP, log_prior, standing_out
+from stepdiag.solver.adjustment.faults import LEAST_UM
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design
@@ -24,8 +25,8 @@ from stepdiag.solver.model.quantities import lattice_field_um, quantities
 NEARLY_ALWAYS = 1.6
 """A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
 normal distribution (95 %), and more where effects larger than usual explain part of a step."""
-MOST_STANDING = 15.0
-"""Standard uncertainties: of surveys with three to ten degrees of freedom all slips of that size were named or refused."""
+MOST_STANDING = 10.0
+"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6 times that size were named or refused."""
 NOTHING_UM = 1e-6
 """A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-9 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
@@ -89,14 +90,9 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
     return found
 
 
-def stands_out(fit: MixedFit) -> float:
-    """Return at how many standard uncertainties a step makes `CRITICAL` of the likelihood (`solver.linear.components.gained`).
-
-    With few degrees of freedom a step is most of the square sum by which the noise is known: it must be larger to be no chance, up to
-    `MOST_STANDING`, where it makes the noise larger than any machine's.
-    """
-    freedom = max(fit.freedom, 1)
-    return min(float(np.sqrt(freedom * np.expm1(CRITICAL / freedom))), MOST_STANDING)
+def stands_out(fit: MixedFit, layout: Layout) -> float:
+    """Return at how many standard uncertainties a step is no chance (`solver.adjustment.evidence`), `MOST_STANDING` at most."""
+    return standing_out(max(fit.freedom, 1), log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))), MOST_STANDING)
 
 
 def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
@@ -106,7 +102,7 @@ def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, 
         pass_number=key.number,
         stop=int(layout.stop[rows[place]]),
         u_um=u_um,
-        stands_out=stands_out(fit),
+        stands_out=stands_out(fit, layout),
         rows=rows[place:],
     )
 
@@ -146,7 +142,7 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
     unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(visible, moved_um * np.maximum(stands_out(field.fit) * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
+    made = np.where(visible, moved_um * np.maximum(stands_out(field.fit, layout) * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)

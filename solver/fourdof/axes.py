@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um
 
 Vector = NDArray[np.float64]
@@ -45,14 +44,13 @@ class Mount:
 class AxisErrors:
     """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1 name.
 
-    Positions ascend; every value is the mean of the samples there and ``u`` its standard error (NaN for a single sample).
-    Rotations are zero at the first position; straightness has its reference line removed. The roll is not measured.
+    Positions ascend; every value is the mean of the samples there. Rotations are zero at the first position; straightness has its
+    reference line removed. The roll is not measured.
     """
 
     position_mm: Vector
     straightness_um: dict[str, Vector]
     rotation_urad: dict[str, Vector]
-    u: dict[str, Vector]
 
 
 def axis_errors(
@@ -64,49 +62,28 @@ def axis_errors(
     """
     positions, at = np.unique(position_mm, return_inverse=True)
     side = 1.0 if mount.target_on == "tool" else -1.0
-    beam = _unit(mount.beam)
+    beam = unit(mount.beam)
     straight: dict[str, Vector] = {}
     turning: dict[str, Vector] = {}
-    u: dict[str, Vector] = {}
     for column, direction in enumerate((mount.detector_x, mount.detector_y)):
-        lateral = _unit(direction)
+        lateral = unit(direction)
         about = np.cross(lateral, beam)
         shift_name = f"E{direction[1].upper()}{mount.axis.upper()}"
         turn_name = f"E{'ABC'[int(np.argmax(np.abs(about)))]}{mount.axis.upper()}"
-        shift, u[shift_name] = _mean_at(at, len(positions), side * lateral.sum() * straightness_um[:, column])
-        turn, u[turn_name] = _mean_at(at, len(positions), side * about.sum() * angle_urad[:, column])
+        shift = _mean_at(at, side * lateral.sum() * straightness_um[:, column])
+        turn = _mean_at(at, side * about.sum() * angle_urad[:, column])
         straight[shift_name] = residuals_um(positions, shift, line)
         turning[turn_name] = turn - turn[0]
-    return AxisErrors(position_mm=positions, straightness_um=straight, rotation_urad=turning, u=u)
+    return AxisErrors(position_mm=positions, straightness_um=straight, rotation_urad=turning)
 
 
-def known_angles(errors: AxisErrors, u_calibration_urad: float) -> dict[str, KnownAngle]:
-    """Return pitch and yaw as the angular functions that the estimator takes (`solver.model.angles`).
-
-    The scatter of repeated stops and the head's calibration make up the uncertainty; a stop visited once has the latter only.
-    """
-    return {
-        name: KnownAngle(
-            position_mm=errors.position_mm,
-            value_urad=value,
-            u_urad=np.hypot(np.nan_to_num(errors.u[name], nan=0.0), u_calibration_urad),
-        )
-        for name, value in errors.rotation_urad.items()
-    }
+def unit(direction: Direction) -> Vector:
+    """Return a machine direction as a vector, shape (3,)."""
+    found = np.zeros(3)
+    found[AXES.index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
+    return found
 
 
-def _unit(direction: Direction) -> Vector:
-    unit = np.zeros(3)
-    unit[AXES.index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
-    return unit
-
-
-def _mean_at(at: NDArray[np.intp], places: int, values: Vector) -> tuple[Vector, Vector]:
-    """Return mean and standard error of the values at each place."""
-    count = np.bincount(at, minlength=places)
-    mean = np.bincount(at, weights=values, minlength=places) / count
-    squares = np.bincount(at, weights=(values - mean[at]) ** 2, minlength=places)
-    u = np.full(places, np.nan)
-    repeated = count > 1
-    u[repeated] = np.sqrt(squares[repeated] / (count[repeated] - 1) / count[repeated])
-    return mean, u
+def _mean_at(at: NDArray[np.intp], values: Vector) -> Vector:
+    mean: Vector = np.bincount(at, weights=values) / np.bincount(at)
+    return mean

@@ -28,6 +28,7 @@ URAD_PER_ARCSEC = np.pi / 648000 * 1e6
 STRAIGHTNESS_RANGE_UM = 650.0
 """Range over which the published head was calibrated (Feng 2008, abstract)."""
 ANGLE_RANGE_ARCSEC = 600.0
+"""Range of the angle detector of the published head (Feng 2008, abstract): beyond it a remark."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,8 @@ from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.diagnostics import scale_findings
-from stepdiag.solver.adjustment.explanations import DECIMALS, PRODUCT, SCALE, suspect
+from stepdiag.solver.adjustment.evidence import DECIMALS, PRODUCT, SCALE
+from stepdiag.solver.adjustment.naming import suspect
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.effects import BESIDE, GROWTH, ONE_SCALE, ONE_WALK, SETUP_SCALE

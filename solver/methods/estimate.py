@@ -31,6 +31,7 @@ from stepdiag.solver.methods.volumetric import (
     left_with_head_um,
     make_posterior,
     volume_report,
+    volume_shares_um,
     with_the_usual,
 )
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
@@ -185,8 +186,9 @@ def solve_estimate(
         findings=(*findings, *coarse_findings(errors), *head_findings(of_head)),
     )
     texts: dict[str, Words] = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
+    shares: dict[str, float] = {}
     if layout.volume.solid:
-        result = _over_the_volume(result, done, resolved)
+        result, shares = _over_the_volume(result, done, resolved)
     return replace(
         _with_fit(result, done),
         findings=(*result.findings, *coverage_findings(factors)),
@@ -194,22 +196,26 @@ def solve_estimate(
         lengths=lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
         tool=tool_report(errors, expected, found.assumed) if layout.volume.solid else None,
         head_straightness=of_head or None,
-        budget=budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
+        budget=budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts, shares),
         coverage=factors or None,
         standards=standards_report(layout, found.assumed),
         monte_carlo=drawn_surveys(done.spread, done.quantities, done.known, done.u, trials) if trials else None,
     )
 
 
-def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> Result:
-    """Return the result with what it says about the whole volume: the machine's posterior, its predictions, what the angles leave."""
+def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> tuple[Result, dict[str, float]]:
+    """Return the result with what it says about the whole volume, the machine's posterior, its predictions, what the angles leave, and
+    what each source makes of the volume."""
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
-    posterior = make_posterior(found, _barely_seen(done), wider, done.quantities, done.known, result.errors)
+    seen = _barely_seen(done)
+    posterior = make_posterior(found, seen, wider, done.quantities, done.known, result.errors)
     whole = replace(result, posterior=posterior)
     predicted, u_um = volume_report(whole, posterior)
     angles = angle_findings(found, done.spread, resolved, left_with_head_um(found, wider, u_um))
-    return replace(whole, findings=(*whole.findings, *angles, *doubt_findings(found)), volumetric_u_um=u_um, predicted=predicted)
+    findings = (*whole.findings, *angles, *doubt_findings(found))
+    shares = volume_shares_um(found, seen, done.quantities, done.known, posterior, u_um)
+    return replace(whole, findings=findings, volumetric_u_um=u_um, predicted=predicted), shares
 
 
 def _barely_seen(done: Estimate) -> Spread:

@@ -11,7 +11,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words, message
 from stepdiag.base.result.field import PRODUCTS, error_field_um
 from stepdiag.base.result.interval import Predicted
-from stepdiag.base.result.members import Budget, Drawn, MonteCarlo
+from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, Budget, Drawn, MonteCarlo
 from stepdiag.base.result.posterior import Posterior
 from stepdiag.base.result.prediction import BETWEEN_SHARE, predicted_with_u
 from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function, Result
@@ -66,15 +66,42 @@ def make_posterior(
 
     ``wider`` are the covariances with that (`with_the_usual`): they say where the machine is to be expected.
     """
-    first = found.first_cause("angles") if found.shapes.names else 0
-    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
-    seen, unmeasured = machine, np.zeros((len(machine.names),) * 2)
-    rows, u = usual_rows(quantities, known, found.assumed)
-    if len(rows):
-        seen, unmeasured = separated(machine, spread.fit.inverse, rows, u)
+    machine, seen, unmeasured = _as_known(found, spread, quantities, known)
     offset = _offset(machine, wider, spread, errors, known)
     posterior = posterior_of(spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
+
+
+def _as_known(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> tuple[Machine, Machine, Vector]:
+    """Return the machine's values, as the readings know them, and the covariance of what they do not see (`separated`)."""
+    first = found.first_cause("angles") if found.shapes.names else 0
+    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
+    rows, u = usual_rows(quantities, known, found.assumed)
+    if not len(rows):
+        return machine, machine, np.zeros((len(machine.names),) * 2)
+    return machine, *separated(machine, spread.fit.inverse, rows, u)
+
+
+def volume_shares_um(
+    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], posterior: Posterior, u_um: float
+) -> dict[str, float]:
+    """Return the root mean square of the error vector over the volume by source (k = 1), of the same causes as the posterior.
+
+    ``u_um`` is what all make together. Of what was not measured only the usual is known, within a factor: it has what is left of ``u_um``.
+    """
+    _, seen, unmeasured = _as_known(found, spread, quantities, known)
+    fields = free_fields_um(seen, found.layout.volume, found.design.chain)
+    # the square sum of what this makes of the values is that of the error vector, mean over the points
+    over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
+    alone = over @ seen.combination.dense()
+    moved = over @ spread.moved(seen.combination, seen.on_causes)
+    by_noise = float(np.sum(alone.T * spread.fit.inverse.solve(alone.T)) + np.sum(spread.variance_by_readings(moved)))
+    shares = {READINGS: float(np.sqrt(max(by_noise, 0.0)))}
+    shares |= {name: float(np.linalg.norm(each)) for name, each in spread.shares(moved).items()}
+    shares[BETWEEN_TARGETS] = float(np.sqrt(BETWEEN_SHARE * sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())))
+    if np.any(unmeasured):
+        shares[NOT_MEASURED] = float(np.sqrt(max(u_um**2 - sum(each**2 for each in shares.values()), 0.0)))
+    return shares
 
 
 def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str, Function], known: Mapping[str, bool]) -> Vector:
@@ -129,20 +156,30 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
 
 
 def budget(
-    spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector, texts: Mapping[str, Words]
+    spread: Spread,
+    quantities: Quantities,
+    known: Mapping[str, bool],
+    u: Vector,
+    u_readings: Vector,
+    texts: Mapping[str, Words],
+    volume: Mapping[str, float],
 ) -> Budget:
     """Return the budget (k = 1): what was assumed, the shares per function or number by source, and their combination.
 
-    Shares are root mean squares over the nodes of a function. What is not identified has none: its numbers would be those of an arbitrary
-    solution, and other ones on another processor.
+    Shares are root mean squares over the nodes of a function; those over the ``volume`` come first (`volume_shares_um`). What is not
+    identified has none: its numbers would be those of an arbitrary solution, and other ones on another processor.
     """
     moved = spread.moved(quantities.combination)
-    shares = {"readings": u_readings, **spread.shares(moved)}
+    shares = {READINGS: u_readings, **spread.shares(moved)}
     groups = _known(quantities, known)
+    whole = {VOLUME: dict(volume)} if volume else {}
     return Budget(
         assumptions=dict(texts),
-        shares={name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
-        combined={name: rms(u[rows]) for name, rows in groups.items()},
+        shares={**whole, **{name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()}},
+        combined={
+            **{name: float(np.linalg.norm(list(each.values()))) for name, each in whole.items()},
+            **{name: rms(u[rows]) for name, rows in groups.items()},
+        },
     )
 
 

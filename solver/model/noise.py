@@ -16,6 +16,7 @@ ASSUMED_U_UM = 0.3
 LEAST_U_UM = 1e-3
 """No reading is taken for better than this: simulated readings without noise must not make an infinite weight."""
 LEAST_FREEDOM = 4.0
+"""Degrees of freedom below which the residuals do not measure the noise."""
 CHECKED = 0.01
 """Residuals with less redundancy than this say nothing about the noise."""
 

@@ -2,11 +2,15 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from math import sqrt
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.readings.runs import Run
 from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS
 from stepdiag.solver.planning.information import Aim, Zone
+
+USUAL_DWELL_S = 2.0
+"""A reading that states no noise of its own is assumed to be the mean over so many seconds."""
 
 PITCH_AND_YAW = tuple(name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])])
 
@@ -16,7 +20,7 @@ class Circumstances:
     """``head``: there is an instrument of angles; ``head_turns``: the functions that its runs measure, pitch and yaw of a 4-DOF head, and
     ``head_u_urad`` how well. ``shift_mm``: how far a beam or a mirror can be shifted beside its usual line. ``aim``: what the control that
     is to be corrected holds; ``zone``: where in the volume it has to be right. ``in_step``: increments that meet a wave of the screws
-    always in the same place.
+    always in the same place. ``dwells_s``: how long the machine may stand at each stop beside what is planned.
     """
 
     chain: str = "FXYZ"
@@ -28,6 +32,11 @@ class Circumstances:
     aim: Aim = "lattice"
     zone: Zone | None = None
     in_step: tuple[int, ...] = ()
+    dwells_s: tuple[float, ...] = (2.0, 4.0)
+
+    def reading_um(self, dwell_s: float) -> float:
+        """Return the noise of a reading, the mean over a dwell."""
+        return self.assumed.reading_um * sqrt(USUAL_DWELL_S / dwell_s)
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
         """Return the ranges of the functions that runs of the head measure, known to its uncertainty."""

@@ -187,6 +187,6 @@ def _down_to(search: Search, about: Circumstances, found: list[Forecast], target
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
     coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
-    layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan", coarse.volume)
+    layout = lay_out(perfect_readings(coarse, about.reading_um(survey.pace.dwell_s)), "plan", coarse.volume)
     angles = {**about.assumed.angle_urad, **about.head_ranges_urad(survey.runs)}
     return Forecast(plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles))

@@ -6,9 +6,9 @@ of the unknowns without a line of information ``B B'``, it lowers the mean squar
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B where it is taken away)
 
 which is worked out for all lines that are on offer at once. Minutes are those of the user: the first line of a setup costs its setting
-up, a further one of the same travel the shift. How often, in which orders of axes and how finely all lines are driven is chosen for the
-lines that are found, and the exchange goes on from there. Lines are weighed on few increments (`COARSE`): which of them are best does not
-depend on how fine they are.
+up, a further one of the same travel the shift. How often, in which orders of axes, how finely and how long at each stop all lines are
+driven is chosen for the lines that are found, and the exchange goes on from there. Lines are weighed on few increments (`COARSE`): which
+of them are best does not depend on how fine they are.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,6 +48,12 @@ class Ways:
     repeats: int
     return_pass: bool
     axis_orders: tuple[str, ...]
+    dwell_s: float
+
+    @property
+    def passes(self) -> int:
+        """Return how many passes each setup has."""
+        return self.repeats * (1 + self.return_pass)
 
     def of(self, run: Run) -> Run:
         """Return a run driven so."""
@@ -55,10 +61,13 @@ class Ways:
         return replace(run, repeats=self.repeats, return_pass=self.return_pass, axis_orders=orders)
 
 
-EVERY_WAY = tuple(
-    Ways(repeats=repeats, return_pass=back, axis_orders=ORDERS[:repeats] if repeats > 1 else ())
-    for repeats, back in ((1, False), (1, True), (2, False), (3, False), (2, True))
-)
+def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
+    """Return the ways that are on offer: once, one way and as long at each stop as is planned comes first."""
+    return [
+        Ways(repeats=repeats, return_pass=back, axis_orders=ORDERS[:repeats] if repeats > 1 else (), dwell_s=dwell)
+        for dwell in dict.fromkeys((dwell_s, *about.dwells_s))
+        for repeats, back in ((1, False), (1, True), (2, False), (3, False), (2, True))
+    ]
 
 
 def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
@@ -106,7 +115,8 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
         base = setup_of(run.setup).base
         number[base] = number.get(base, 0) + any(run.beam_offset_mm)
         runs.append(ways.of(replace(run, setup=setup_of(base).shifted(number[base] if any(run.beam_offset_mm) else 0))))
-    return replace(survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments))
+    pace = replace(survey.pace, dwell_s=ways.dwell_s)
+    return replace(survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments), pace=pace)
 
 
 class Exchange:
@@ -119,12 +129,13 @@ class Exchange:
     def __init__(
         self, survey: Plan, about: Circumstances, lines: Sequence[Run], ways: Ways, done: Sequence[Run] = (), weighed_on: int = COARSE
     ) -> None:
-        self._survey, self._about, self._ways = replace(survey, runs=()), about, ways
+        self._survey = replace(survey, runs=(), pace=replace(survey.pace, dwell_s=ways.dwell_s))
+        self._about, self._ways = about, ways
         self.lines = tuple(lines)
         coarse = replace(survey.volume, increments=weighed_on)
         laser = [run for run in (*map(ways.of, lines), *done) if not run.is_fourdof]
         named = [replace(run, setup=f"{run.travel.base}+{place + 1}", targets=0) for place, run in enumerate(laser)]
-        layout = lay_out(perfect_readings(Plan(volume=coarse, runs=tuple(named)), about.assumed.reading_um), "plan", coarse)
+        layout = lay_out(perfect_readings(Plan(volume=coarse, runs=tuple(named)), about.reading_um(ways.dwell_s)), "plan", coarse)
         self._ahead = Foresight(
             layout=layout, chain=about.chain, assumed=about.assumed, increments=weighed_on, aim=about.aim, zone=about.zone
         )
@@ -259,7 +270,8 @@ class Search:
         self._made: dict[Ways, Exchange] = {}
         allowed = _increments(survey, about)
         self._middle, self._finest = min(allowed, key=lambda n: abs(n - MIDDLE)), allowed[-1]
-        self._before: tuple[Sequence[int], Ways] = ((), EVERY_WAY[0])
+        self._every = every_way(survey.pace.dwell_s, about)
+        self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
         """Return what the lines tell where all are driven in one way."""
@@ -269,9 +281,15 @@ class Search:
 
     def within(self, limit_min: float) -> Plan | None:
         """Return the best survey within a time, None where not even one line fits."""
-        plain = self.driven(EVERY_WAY[0])
-        starts = [(plain.start(n, limit_min), EVERY_WAY[0], n) for n in (self._middle, self._finest)]
-        found = [one for start, ways, n in (*starts, (*self._before, self._finest)) for one in self._from(start, ways, n, limit_min)]
+        once = [one for one in self._every if one.passes == 1]
+        found = [
+            one for ways in once for one in self._from(self.driven(ways).start(self._middle, limit_min), ways, self._middle, limit_min)
+        ]
+        # the dwell that is best on few increments is most often so on many
+        best = min(found, key=lambda one: one[0])[2] if found else once[0]
+        fine = [(self.driven(one).start(self._finest, limit_min), one) for one in once if one is once[0] or one.dwell_s == best.dwell_s]
+        for start, ways in (*fine, self._before):
+            found += self._from(start, ways, self._finest, limit_min)
         if not found:
             return None
         _, lines, ways, increments = min(found, key=lambda one: one[0])
@@ -282,12 +300,16 @@ class Search:
         """Yield what exchange makes of lines, the best way to drive these, and what exchange makes of them so."""
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
-            others = [one for one in EVERY_WAY if chosen and self.driven(one).minutes(chosen, increments) <= limit_min]
+            others = [
+                one
+                for one in self._every
+                if chosen and one.dwell_s == ways.dwell_s and self.driven(one).minutes(chosen, increments) <= limit_min
+            ]
             if not others:
                 return
-            best = min(others, key=lambda one: self.driven(one).square_um2(chosen))
-            chosen = self.driven(best).improved(chosen, increments, limit_min)
-            yield self.driven(best).square_um2(chosen) + self.driven(best).beside_um2(increments), chosen, best, increments
+            ways = min(others, key=lambda one: self.driven(one).square_um2(chosen))
+            chosen = self.driven(ways).improved(chosen, increments, limit_min)
+            yield self.driven(ways).square_um2(chosen) + self.driven(ways).beside_um2(increments), chosen, ways, increments
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:

@@ -105,7 +105,7 @@ def _ways(survey: Plan) -> Ways:
     """Return how the plan drives its setups: all alike."""
     runs = survey.runs
     orders = next((run.axis_orders for run in runs if run.axis_orders), ())
-    return Ways(repeats=runs[0].repeats, return_pass=runs[0].return_pass, axis_orders=orders)
+    return Ways(repeats=runs[0].repeats, return_pass=runs[0].return_pass, axis_orders=orders, dwell_s=survey.pace.dwell_s)
 
 
 def _named(survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways) -> tuple[Run, ...]:

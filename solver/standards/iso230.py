@@ -24,6 +24,9 @@ MIN_RUNS = 5
 MIN_TARGETS = 5
 LONG_AXIS_MM = 2000.0
 LONG_AXIS_INTERVAL_MM = 250.0
+"""Plan of ISO 230-2: at least five runs, and five targets a metre; on axes above 2 m at most 250 mm
+between targets.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

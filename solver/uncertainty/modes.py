@@ -16,6 +16,7 @@ KEPT_SHARE = 0.995
 UNSEEN = 1e-3
 """A direction of which no likely size shows by more than this share of its variance is not seen: all such are alike."""
 ROUNDING = 1e-9
+"""A smaller share of the largest is rounding: no choice may depend on it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,8 @@ from stepdiag.api.tables import frame, table
 from stepdiag.base.files import read_hashed, read_text, write_hashed
 from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.base.result.result import Result, parse_result
+from stepdiag.certificate.custody import Verified, verify_certificate
+from stepdiag.certificate.written import Beside, write_certificate
 from stepdiag.comparing.compare import Comparison, compare
 from stepdiag.exporters.export.export import export as export_files
 from stepdiag.exporters.export.written import ExportReport
@@ -38,6 +40,8 @@ __all__ = [
     "Readings",
     "RecordedLog",
     "Result",
+    "Verified",
+    "certificate",
     "compare",
     "export",
     "frame",
@@ -57,6 +61,7 @@ __all__ = [
     "solve",
     "table",
     "verify",
+    "verify_certificate",
 ]
 
 
@@ -141,3 +146,18 @@ def report(
     from stepdiag.report.output import write_report
 
     return write_report(build_report(result, source=result.source, readings=readings, language=language), Path(out), pdf=pdf)
+
+
+def certificate(
+    result: Path | str, out: Path | str, *, files: Sequence[Path | str] = (), laboratory: Path | str | None = None,
+    report: Path | str | None = None, left: Path | str | None = None,
+) -> int:  # fmt: skip
+    """Write the digital calibration certificate (DCC) of a result's file and return how many things it rests on, each by its SHA-256.
+
+    ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report that ``stepdiag report`` wrote of all
+    these, ``left`` the result's file of the survey after loading. `verify_certificate` computes it again. Raises ``UsageError`` where a
+    file is in its place, ``DataError`` for files that do not belong to the result.
+    """
+    stated, shown, after = (None if path is None else Path(path) for path in (laboratory, report, left))
+    beside = Beside(laboratory=stated, files=[Path(file) for file in files], report=shown, left=after)
+    return write_certificate(Path(result), Path(out), beside)

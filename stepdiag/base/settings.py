@@ -26,6 +26,7 @@ Model = TypeVar("Model", bound=msgspec.Struct)
 
 UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
+"""Parts of a dotted name: the cost of the TOML reader grows with their square."""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),

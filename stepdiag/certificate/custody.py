@@ -12,12 +12,14 @@ result      -> certificate                                                      
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.base.files import as_text, read_bytes, read_hashed, read_text
 from stepdiag.base.messages import Message, message
@@ -30,8 +32,9 @@ from stepdiag.certificate.reports import follows, is_rendered
 from stepdiag.completion.completion import replay_judged, solve_logs
 from stepdiag.completion.readings_file import Beside, solve_readings_file
 from stepdiag.daq.recording.archive import digest, index_holds
-from stepdiag.daq.recording.verdicts import ACCEPTED, DATED, JUDGED, verdicts_in
+from stepdiag.daq.recording.verdicts import WORDS, verdicts_in
 from stepdiag.daq.survey.environment import parse_environment
+from stepdiag.exporters.files.sets import SUMS, listed
 from stepdiag.report.laboratory import read_laboratory, sha256_of
 from stepdiag.report.output import printed
 
@@ -39,7 +42,7 @@ LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = "log", "result", "result_as_left",
 READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
 """Roles that a certificate names once at most."""
-PERSONS = {"accepted": ACCEPTED, "dated": DATED, "judged": JUDGED}
+PERSONS = {name.partition(".")[0]: name for name in WORDS}
 """Roles of what stands beside logs: words of persons, and of the solver."""
 AS_LEFT = "_as_left"
 NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
@@ -71,7 +74,7 @@ class Verified(NamedTuple):
 def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
     """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``.
 
-    Raises DataError for a report of an export that names another result, and for a report that is not the one that all these give.
+    Raises DataError for an export of another result or with a changed file, and for a report that is not the one that all these give.
     """
     found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result)), *_persons(result.parent, "")]
     if left is not None:
@@ -79,22 +82,16 @@ def links_of(result: Path, stated: Path | None, *, left: Path | None = None, fil
         found += [(LEFT, left.name, sha256_of(left)), *((role + AS_LEFT, name, sha) for role, name, sha in of_left)]
     if stated is not None:
         found.append((LABORATORY, stated.name, sha256_of(stated)))
-    results = [sha for role, _, sha in found if role in (RESULT, LEFT)]
     held = {(role, path.name, sha256_of(path)): path for role, path in files}
     held |= {link: result.parent / link[1] for link in found if link[0] == READINGS and (result.parent / link[1]).is_file()}
     known = {RESULT: result, LEFT: left, LABORATORY: stated}
     held |= {link: path for link in found if (path := known.get(link[0])) is not None}
-    for role, path in files:
-        if of_another_result(path.name, path, results):
-            raise DataError(path.name, expected=message("result-with-sha256", sha256=results[0]), found=message("custody-another-result"))
-        if role == REPORT and is_rendered(path.name) and not _follows(path, held):
-            raise DataError(path.name, expected=message("report-of-these"), found=message("custody-another-report"))
-    return found + [link for link in held if link not in found]
-
-
-def of_another_result(name: str, path: Path, results: Sequence[str]) -> bool:
-    """Return whether a file that by its ``name`` names the SHA-256 of its result names none of ``results``."""
-    return name == NAMES_ITS_RESULT and not any(sha.encode() in read_bytes(path) for sha in results)
+    links = found + [link for link in held if link not in found]
+    try:
+        _require_files(links, held)
+    except BrokenLinkError as broken:
+        raise DataError(result.name, expected=message("files-of-the-result"), found=broken.link) from broken
+    return links
 
 
 def _follows(report: Path, held: Mapping[Link, Path]) -> bool:
@@ -231,6 +228,10 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
     by_role = {role: held[role, name, sha] for role, name, sha in links if role in ONCE}
     if RESULT not in by_role or len(by_role) != sum(role in ONCE for role, _, _ in links):
         raise BrokenLinkError(message("custody-unnamed", role=RESULT))
+    for role, suffix in ((RESULT, ""), (LEFT, AS_LEFT)):
+        for link in _persons(by_role[role].parent, suffix) if role in by_role else ():
+            if link not in links:
+                raise BrokenLinkError(message("custody-unnamed", role=link[1]))
     result = _again(by_role[RESULT], links, held, "")
     left = _again(by_role[LEFT], links, held, AS_LEFT) if LEFT in by_role else None
     accepted = next((held[link].parent for link in links if link[0] == "accepted"), None)
@@ -252,19 +253,31 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
 
 
 def _require_files(links: Sequence[Link], held: Mapping[Link, Path]) -> None:
-    """Raise BrokenLinkError for a file of an export of another result, and for a report that what the certificate names does not give."""
+    """Raise BrokenLinkError for a file of an export of another result, one that was changed after the export wrote its list of hashes,
+    and a report that what the certificate names does not give."""
     results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
+    files = {(name, sha) for role, name, sha in links if role == FILE}
     for link in links:
         role, name, _ = link
-        if of_another_result(name, held[link], results):
+        if name == NAMES_ITS_RESULT and not any(sha.encode() in read_bytes(held[link]) for sha in results):
             raise BrokenLinkError(message("custody-other-result", role=role, name=name))
+        for each, sha in _listed(held[link]).items() if name == SUMS else ():
+            if (each, sha) not in files and each in dict(files):
+                raise BrokenLinkError(message("custody-set", name=each))
         if role == REPORT and is_rendered(name) and not _follows(held[link], held):
             raise BrokenLinkError(message("custody-report", name=name))
 
 
+def _listed(sums: Path) -> dict[str, str]:
+    try:
+        return listed(sums.parent)
+    except StepdiagError as error:
+        raise BrokenLinkError(message("custody-refused", what=error.message)) from error
+
+
 def _canonical(data: bytes) -> str:
     """Return a certificate in the canonical form of XML, without signatures: a signature costs the bytes, remarks stay."""
-    return ET.canonicalize(data.decode(), with_comments=True, exclude_tags=[_SIGNATURE])
+    return ET.canonicalize(from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE])
 
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
@@ -279,7 +292,7 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
         solved = _solved(result, sources, files)
     except StepdiagError as error:
         raise BrokenLinkError(message("custody-refused", what=str(error))) from error
-    text = replace(solved, software=result.software).to_json()
+    text = replace(solved, software=replace(solved.software, version=result.software.version)).to_json()
     if not same_result(data, text.encode()):
         raise BrokenLinkError(message("custody-result", name=path.name))
     return result
@@ -307,7 +320,7 @@ def _solved(result: Result, sources: Sequence[Source], files: Mapping[tuple[str,
     trials = 0 if result.monte_carlo is None else result.monte_carlo.trials
     solved = solve_readings_file(of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials)
     # what a person stated about the compensation stands in no reading; names of files may be others where they stand now
-    return replace(solved, survey=result.survey, sources=result.sources)
+    return replace(solved, survey=None if result.survey is None else stated_in(result).facts(), sources=result.sources)
 
 
 class Leaf(NamedTuple):

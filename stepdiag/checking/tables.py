@@ -85,7 +85,7 @@ def _stream_json(stream: StreamSeen) -> dict[str, Any]:
         "garbage": stream.counts["garbage"],
         "reading_mm": stream.position_mm,
         "beam": stream.beam,
-        "told": dict(stream.conditions),
+        "conditions": dict(stream.conditions),
     }
 
 

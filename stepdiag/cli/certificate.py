@@ -1,6 +1,5 @@
 """``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it again."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG = 5
 MOST_CERTIFICATES = 100
+"""Certificates of a survey before the names run out."""
 
 
 def register(app: typer.Typer) -> None:
@@ -34,6 +34,9 @@ def certificate(
     key_certificate: Path | None = None,
 ) -> None:
     """Write a result as a calibration certificate."""
+    from stepdiag.certificate.written import Beside, write_certificate
+    from stepdiag.cli.report import read_result, result_file
+
     if out.suffix.lower() != ".xml":
         raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
     if (key is None) != (key_certificate is None):
@@ -43,9 +46,13 @@ def certificate(
         raise UsageError("--pdf", expected=message("with-option", option="--report FILE.html"), found=message("none"))
     if pdf is not None and pdf.suffix.lower() != ".pdf":
         raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
-    beside = (("report", report), ("letterhead", letterhead), ("profile", profile))
-    given = [*(("file", path) for path in files), *((role, path) for role, path in beside if path is not None)]
-    links = _write(result, out, laboratory, given, left=after, key=key, key_certificate=key_certificate, pdf=pdf)
+    read_result(result)
+    left = None if after is None else result_file(after)
+    beside = Beside(
+        laboratory=laboratory, files=files, report=report, letterhead=letterhead, profile=profile, left=left, key=key,
+        key_certificate=key_certificate,
+    )  # fmt: skip
+    links = write_certificate(result_file(result), out, beside, pdf)
     print_words(message("certificate-rests", path=str(out), count=links))
 
 
@@ -59,54 +66,21 @@ def certify_folder(folder: Path) -> Path:
     """
     from stepdiag.base.files import read_text
     from stepdiag.certificate.reports import language_of
+    from stepdiag.certificate.written import Beside, write_certificate
+    from stepdiag.daq.records.survey_folder import RESULT
     from stepdiag.report.from_files import ReportFiles, report_from
     from stepdiag.report.output import write_report
 
     laboratory = next((path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None)
-    files = [("file", path) for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
+    files = [path for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
     names = ("certificate.xml", *(f"certificate-{number}.xml" for number in range(2, MOST_CERTIFICATES)))
     out = next((folder / name for name in names if not (folder / name).exists()), folder / names[-1])
     completed = folder / "report.html"
     language = language_of(read_text(completed)) if completed.is_file() else "en"
-    report = report_from(ReportFiles(result=folder / "result.json", laboratory=laboratory, language=language))
-    (written,) = write_report(report, out.with_suffix(".html"))
-    _write(folder, out, laboratory, [*files, ("report", written)])
+    made = report_from(ReportFiles(result=folder / RESULT, laboratory=laboratory, language=language))
+    (report,) = write_report(made, out.with_suffix(".html"))
+    write_certificate(folder / RESULT, out, Beside(laboratory=laboratory, files=files, report=report))
     return out
-
-
-def _write(
-    result: Path, out: Path, laboratory: Path | None, files: Sequence[tuple[str, Path]], *,
-    left: Path | None = None, key: Path | None = None, key_certificate: Path | None = None, pdf: Path | None = None,
-) -> int:  # fmt: skip
-    """Write a certificate; return how many things it rests on."""
-    from stepdiag.base.files import write_together
-    from stepdiag.certificate.custody import accepted_in, links_of
-    from stepdiag.certificate.document import certificate_of
-    from stepdiag.certificate.elements import document
-    from stepdiag.cli.report import read_result, result_file
-    from stepdiag.report.laboratory import read_laboratory
-
-    folder = result if result.is_dir() else result.parent
-    links = links_of(result_file(result), laboratory, left=left, files=files)
-    made = certificate_of(
-        read_result(result), read_laboratory(laboratory), links, left=None if left is None else read_result(left),
-        accepted=accepted_in(folder) if any(role == "accepted" for role, _, _ in links) else (),
-    )  # fmt: skip
-    data = document(made)
-    if key is not None and key_certificate is not None:
-        from stepdiag.certificate.signature import signed
-
-        data = signed(data, key, key_certificate)
-    written = {out: data}
-    if pdf is not None:
-        from stepdiag.base.files import read_bytes
-        from stepdiag.certificate.archival import archival
-        from stepdiag.report.output import printed
-
-        report = next(path for role, path in files if role == "report")
-        written[pdf] = archival(printed(read_bytes(report)), out.name, data)
-    write_together(written, over=False)
-    return len(links)
 
 
 def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:

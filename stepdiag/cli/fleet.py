@@ -14,8 +14,8 @@ from stepdiag.cli.completion import AsJson
 from stepdiag.terminal.viewer import language_named, print_words, shown
 
 if TYPE_CHECKING:
-    from stepdiag.fleet.history import LeftOut
     from stepdiag.fleet.resolve import Scheduler
+    from stepdiag.fleet.series import LeftOut
     from stepdiag.fleet.trend import Trend
 
 

@@ -36,6 +36,7 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Predict what a survey will tell, and in what time."""
+    from stepdiag.completion.ahead import known_before
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.recording.rounds import noted_stops, round_folders
     from stepdiag.daq.replay import begun_logs
@@ -48,9 +49,12 @@ def plan(
     survey = load_survey(file)
     folders = round_folders(survey.folder(file))
     stops = [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
-    advice = _advise(own_minutes(survey, stops), circumstances(survey, file.parent), minutes, target_um)
+    about, last = known_before(file, survey, circumstances(survey, file.parent))
+    advice = _advise(own_minutes(survey, stops), about, minutes, target_um)
     asked = minutes is not None or target_um is not None
     _print_foreseen(survey)
+    if last is not None:
+        print_words(message("known-before", folder=str(last), angles_urad=about.assumed.angles_urad), err=True)
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
@@ -100,6 +104,7 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         repeats=max(run.repeats for run in plan.runs),
         return_pass=any(run.return_pass for run in plan.runs),
         axis_orders=next((run.axis_orders for run in plan.runs if run.axis_orders), ()),
+        dwell_s=plan.pace.dwell_s,
         beam_offset=offsets,
     )
 
@@ -142,6 +147,7 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
     return {
         "increments": forecast.plan.volume.increments,
+        "dwell_s": forecast.plan.pace.dwell_s,
         "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm,
                   "axis_orders": list(run.axis_orders), "targets": run.targets}
                  for run in forecast.plan.runs],

@@ -171,7 +171,7 @@ def _live(found: "Standing") -> "list[Words]":
         for name, link in links.items()
         if link is not None
     ]
-    air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
+    air = ", ".join(f"{name} {value:g}" for name, value in found.live.conditions.items())
     lines += [message("status-air", values=air)] if air else []
     return [*lines, message("status-waits", what=found.live.waits_for), *([found.live.message] if found.live.message else [])]
 

@@ -1,5 +1,6 @@
 """The next passes of a running survey, from its logs, and a further setup put into its file."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.readings import Readings, parse_readings
 from stepdiag.base.readings.runs import Run
-from stepdiag.base.result.result import parse_result
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.base.setups import setup_of
 from stepdiag.completion.completion import replay_judged
 from stepdiag.completion.foreseen import circumstances
@@ -19,7 +20,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.status import AheadStatus
-from stepdiag.daq.records.survey_folder import READINGS, RESULT, logs_in
+from stepdiag.daq.records.survey_folder import READINGS, RESULT, logs_in, machine_folder
 from stepdiag.daq.service.remaining import own_minutes
 from stepdiag.daq.survey.amended import with_plan
 from stepdiag.daq.survey.file import load_survey
@@ -36,7 +37,7 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
     """
     survey = load_survey(file)
     rounds = round_folders(survey.folder(file))
-    about = known_before(file, survey, circumstances(survey, file.parent))
+    about, _ = known_before(file, survey, circumstances(survey, file.parent))
     if not rounds or not logs_in(rounds[-1]):
         return survey, None, sequel(survey.planned, about, ())
     replayed = replay_judged([rounds[-1]], file)
@@ -57,20 +58,31 @@ def _readings(survey: Survey, book: PassBook) -> Readings | None:
     return tabulate(survey, passes) if any(not setup_of(name).is_fourdof for name in done) else None
 
 
-def known_before(file: Path, survey: Survey, about: Circumstances) -> Circumstances:
-    """Return the circumstances with the sizes of the last finished survey of this machine, from the
-    folders beside this folder.
-    """
-    beside = survey.folder(file).parent.glob(f"*/*/{RESULT}")
-    for path in sorted(beside, key=lambda path: path.stat().st_mtime, reverse=True):
+def known_before(file: Path, survey: Survey, about: Circumstances) -> tuple[Circumstances, Path | None]:
+    """Return the circumstances with the sizes that the last finished survey of this machine shows, and its folder where they show the
+    angles: of those in folders beside this one and in the store. Raises UsageError for a store that is not there."""
+    found = dict[tuple[str, Path], tuple[Result, Readings]]()
+    for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
         try:
             result = parse_result(read_text(path), path.name)
             if result.survey is not None and result.survey.machine == survey.identity.machine:
-                readings = parse_readings(read_text(path.with_name(READINGS)))
-                return shown_by(readings, replace(survey.planned, volume=result.volume), about)[0]
+                ended = result.survey.ended or result.survey.date
+                found[ended, path.parent] = result, parse_readings(read_text(path.with_name(READINGS)))
         except (DataError, UsageError):
             continue
-    return about
+    if not found:
+        return about, None
+    last = max(found)
+    result, readings = found[last]
+    shown, angles_urad = shown_by(readings, replace(survey.planned, volume=result.volume), about)
+    return shown, None if angles_urad is None else last[1]
+
+
+def _archived(file: Path, survey: Survey) -> Iterable[Path]:
+    store = survey.identity.archive
+    if store and not (file.parent / store).is_dir():
+        raise UsageError(f"{file.name}: survey.archive", expected=message("folder-with", what=message("finished-surveys")), found=store)
+    return (file.parent / store / machine_folder(survey.identity.machine)).glob(f"*/*/{RESULT}") if store else ()
 
 
 def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:

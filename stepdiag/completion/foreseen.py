@@ -10,6 +10,7 @@ from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.volume import MOST_INCREMENTS, in_step
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Head, Survey
+from stepdiag.daq.survey.rules import least_dwell_s
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.tables.controller import Multiplying
@@ -35,6 +36,7 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
         head_u_urad=survey.head.angles.u_urad if survey.head is not None and survey.head.angular else Circumstances().head_u_urad,
         aim="tables" if by_axis else "lattice",
         zone=None if folder is None else _zone(survey, folder),
+        dwells_s=tuple(dwell_s for dwell_s in Circumstances().dwells_s if dwell_s >= least_dwell_s(survey)),
         in_step=tuple(
             n for n in finer if any(in_step(edge_mm / n, survey.uncertainty.pitch_mm or 1.0) for edge_mm in survey.volume.size_mm)
         ),

@@ -9,7 +9,7 @@ from stepdiag.base.messages import Words
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
-from stepdiag.base.result.members import UnseenSlip
+from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
@@ -24,6 +24,16 @@ from stepdiag.exporters.safety.verify import STRETCH
 MOST_WRONG = 5
 AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}
 """Conditions of the air in letters and units that every language writes alike."""
+KNOBS = {
+    BETWEEN_TARGETS: "between",
+    READINGS: "readings",
+    NOT_MEASURED: "unmeasured",
+    **dict.fromkeys(("angles", "short waves of angles"), "angles"),
+    **dict.fromkeys(("drift", "wander", "wandering pass", "walk of one pass", "found step"), "passes"),
+    **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
+    **dict.fromkeys(("material temperature", "air"), "lengths"),
+}
+"""Sources of the budget by what makes them smaller; the sizes of sources are part of each."""
 LEAST_SHARE = 0.1
 """An error below a tenth of the largest one is not what is wrong with the machine."""
 
@@ -88,7 +98,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
         unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])) if proof is None else (),
         reach=reach,
-        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
+        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_largest_share(result), *_harmed(exports)),
         verdict=tuple(verdict_sentences(judged_in(result, exported))),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)) if proof is None else (),
@@ -188,6 +198,17 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
     if reach.rms_after is not None and reach.largest_after is not None:
         after = _figure("after", reach.rms_after, reach.largest_after)
         yield replace(after, key="reach_after_refused") if refused and after.key == "reach_after" else after
+
+
+def _largest_share(result: Result) -> Iterator[Sentence]:
+    """Yield the largest share of the volume's U (of its square), and what makes it smaller."""
+    shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
+    square = {knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob) for knob in KNOBS.values()}
+    knob = max(square, key=lambda one: square[one])
+    if square[knob] > 0.0:
+        percent = f"{100.0 * square[knob] / sum(share**2 for share in shares.values()):.0f}"
+        more = Sentence(key=f"largest_{knob}", arguments={"increments": f"{2 * result.volume.increments}"})
+        yield Sentence(key="reach_largest", arguments={"percent": percent, "what": more})
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:

@@ -39,6 +39,7 @@ DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
 """From where people look at a page that is bound beyond this computer."""
 TOKEN_BYTES = 18
+"""Random bytes of a token: 144 bits cannot be guessed."""
 WRITTEN = "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
 
 

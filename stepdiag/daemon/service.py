@@ -100,7 +100,7 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
         counts[what if len(counts) < MOST_KINDS else ""] += 1
         count = counts[what]
         if str(count).strip("0") == "1":
-            log.error("aside", said=what, count=count)
+            log.error("aside", words=what, count=count)
 
     return say
 

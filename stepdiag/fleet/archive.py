@@ -27,6 +27,7 @@ MOST_LOOSE = 50
 millisecond.
 """
 _ID_DIGITS = 16
+"""Hexadecimal digits of a survey's name: 64 bits keep the logs of any fleet apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

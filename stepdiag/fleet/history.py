@@ -2,13 +2,10 @@
 the tables beside it.
 """
 
-import json
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cache
-from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -16,98 +13,9 @@ from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import Message, message
-from stepdiag.comparing.alike import Standing, apart, same_volume
-from stepdiag.fleet.rows import LARGEST, RMS
+from stepdiag.fleet.series import OF_VOLUME, Array, Groups, LeftOut, Series, Survey, by_volume, parted, stated
 from stepdiag.fleet.store import INDEX, Place, Store
 from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
-
-Array = NDArray[np.float64]
-EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
-"""No survey of this kind is older: a clock that was never set says 1970 or 1980."""
-AHEAD = timedelta(days=2)
-"""A clock may be in another time zone and slow; a survey from later than this is dated wrongly."""
-OF_VOLUME = (RMS, LARGEST)
-"""Quantities that mean something else in another volume."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Survey:
-    """A survey; ``active`` are the hashes of the loaded tables, ``standing`` decides with which
-    others it compares.
-    """
-
-    time: datetime
-    name: str
-    event: str = ""
-    active: tuple[str, ...] = ()
-    software: str = ""
-    standing: Standing = field(default_factory=Standing)
-
-
-class Point(NamedTuple):
-    """A quantity in a survey as shown; ``u`` is None if not stated, ``low`` and ``high`` NaN for an
-    even interval.
-    """
-
-    survey: Survey
-    value: float
-    u: float | None
-    low: float
-    high: float
-
-    @property
-    def time(self) -> datetime:
-        """Return when the survey ended."""
-        return self.survey.time
-
-    def interval(self) -> tuple[float, float]:
-        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice where no uncertainty is stated."""
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            return self.low, self.high
-        expanded = 2 * (self.u or 0.0)
-        return abs(self.value) - expanded, abs(self.value) + expanded
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Series:
-    """A quantity of a machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys,
-    nodes), NaN where not stated.
-
-    ``common`` is the common share of u of surveys by the same instruments, ``shown`` the values
-    shown: value, u, low, high. ``other`` is the reason why these surveys are apart from the others
-    of the machine, None for comparable surveys.
-    """
-
-    machine: str
-    quantity: str
-    unit: str
-    surveys: tuple[Survey, ...]
-    nodes_mm: Array
-    values: Array
-    u: Array
-    common: Array
-    shown: Array
-    other: Message | None = None
-
-    @property
-    def points(self) -> tuple[Point, ...]:
-        """Return the figures as a person reads them."""
-        return tuple(map(self.point, range(len(self.surveys))))
-
-    def point(self, number: int) -> Point:
-        """Return a figure as shown."""
-        value, u, low, high = self.shown[number].tolist()
-        return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
-    """A survey that no series holds, and why."""
-
-    machine: str
-    name: str
-    why: Message
-    damaged: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +90,7 @@ class _Columns:
         self.shown = np.column_stack([table[name].to_numpy() for name in ("value", "u", "low", "high")]).astype(float)
         self.common = table["common"].to_numpy().astype(float)
         self.lists = {name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")}
-        self.stated = cache(lambda code: _stated(self.words["conditions"][code]))
+        self.stated = cache(lambda code: stated(self.words["conditions"][code]))
 
     def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
         """Return positions, values and uncertainties where all rows have the same nodes, shapes (nodes,) and (rows, nodes)."""
@@ -224,7 +132,7 @@ def history_of(table: pa.Table, now: datetime) -> History:
     for rows in np.split(order, np.flatnonzero(np.diff(machine[order])) + 1):
         if len(rows):
             name = columns.of("machine", rows[0])
-            groups, without = _parted(name, _surveys(columns, rows), now)
+            groups, without = parted(name, _surveys(columns, rows), now)
             left_out += without
             series += _of_machine(name, columns, rows, quantity, groups)
     return History(series=tuple(series), left_out=tuple(left_out))
@@ -243,60 +151,6 @@ def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
     return found
 
 
-def _stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
-    """Return the hashes of the active tables and what the result says of itself; nothing for what is not there or of another type."""
-    try:
-        stated = json.loads(conditions)
-        active = stated.get("active", [])
-    except (ValueError, AttributeError, RecursionError):
-        return (), Standing()
-    usual = Standing()
-    known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
-    if len(known["volume_mm"]) != 6 or not all(isinstance(each, int | float) for each in known["volume_mm"]):
-        known["volume_mm"] = ()
-    return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
-
-
-def _typed(value: Any, usual: Any) -> Any:
-    """Return a value if it has the type of the usual value; a list becomes a tuple."""
-    if isinstance(usual, tuple):
-        return tuple(value) if isinstance(value, list) and all(isinstance(each, int | float | str) for each in value) else usual
-    return value if type(value) is type(usual) else usual
-
-
-Groups = list[tuple[dict[int, Survey], Message | None]]
-
-
-def _parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
-    """Return the surveys that are compared with each other, the newest's first, and the surveys
-    left out.
-    """
-    kept: dict[int, Survey] = {}
-    left_out = []
-    for key, each in surveys.items():
-        why = _doubt(each, now)
-        if why is None:
-            kept[key] = each
-        else:
-            left_out.append(LeftOut(machine=machine, name=each.name, why=why))
-    groups: Groups = []
-    while kept:
-        newest = next(reversed(kept.values()))
-        alike = {key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None}
-        main = next(iter(groups[0][0].values())).standing if groups else None
-        groups.append((alike, None if main is None else apart(main, newest.standing)))
-        kept = {key: each for key, each in kept.items() if key not in alike}
-    return groups, left_out
-
-
-def _doubt(survey: Survey, now: datetime) -> Message | None:
-    if survey.standing.errors:
-        return message("left-out-errors", codes=survey.standing.errors)
-    if survey.standing.undated or not EARLIEST <= survey.time <= now + AHEAD:
-        return message("left-out-clock", day=survey.time.date().isoformat())
-    return None
-
-
 def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quantity: NDArray[np.int64], groups: Groups) -> Iterator[Series]:
     """Yield the series of a machine by name of the quantity."""
     place = columns.codes[PLACE]
@@ -306,26 +160,7 @@ def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quanti
             chosen = rows[mine[held[mine]]]
             if len(chosen):
                 whole = _series(machine, columns, chosen, tuple(map(surveys.__getitem__, place[chosen].tolist())), why)
-                yield from _by_volume(whole) if whole.quantity in OF_VOLUME else (whole,)
-
-
-def _by_volume(series: Series) -> Iterator[Series]:
-    """Yield a figure of the volume over each volume by itself, the newest's first."""
-    left = list(range(len(series.surveys)))
-    newest = series.surveys[-1].standing
-    while left:
-        last = series.surveys[left[-1]].standing
-        alike = [number for number in left if _volume_alike(series.surveys[number].standing, last)]
-        other = series.other if last is newest else message("differs-volume")
-        yield series if len(alike) == len(series.surveys) else replace(
-            series, surveys=tuple(series.surveys[number] for number in alike), values=series.values[alike], u=series.u[alike],
-            common=series.common[alike], shown=series.shown[alike], other=other,
-        )  # fmt: skip
-        left = [number for number in left if number not in alike]
-
-
-def _volume_alike(one: Standing, other: Standing) -> bool:
-    return not one.volume_mm or not other.volume_mm or same_volume(one, other)
+                yield from by_volume(whole) if whole.quantity in OF_VOLUME else (whole,)
 
 
 def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:

@@ -17,8 +17,8 @@ from starlette.routing import Route
 
 from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.base.messages import Message, in_every_language, message
-from stepdiag.fleet.history import LeftOut
 from stepdiag.fleet.report import fleet_html
+from stepdiag.fleet.series import LeftOut
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
 from stepdiag.page.security import Access

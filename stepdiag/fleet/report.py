@@ -8,8 +8,8 @@ from datetime import datetime
 from html import escape
 
 from stepdiag.base.messages import rendered
-from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import LeftOut, Point
 from stepdiag.fleet.terminal import as_csv
 from stepdiag.fleet.trend import Trend, already_perhaps, day, rank, statements
 from stepdiag.report.drawings import svg

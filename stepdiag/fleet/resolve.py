@@ -51,6 +51,7 @@ ROUNDING = 0.002
 WORKER_MEMORY = 2 * 10**9
 """Bytes of data that a worker of this computer may hold."""
 PATIENCE_S = 20
+"""Longest time to reach the scheduler in s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,7 +32,7 @@ from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_BYTES
 from stepdiag.base.messages import excerpt, message
-from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.daq.records.survey_folder import RESULT, machine_folder
 
 FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
@@ -75,7 +75,7 @@ class Place(NamedTuple):
     def folder(self) -> str:
         """Return the folder of its files, seen from the store."""
         behind = f"@{quote(self.software, safe='.+')}" if self.software else ""
-        return f"machine={quote(self.machine, safe=' ')}/year={self.year}/{self.survey}{behind}"
+        return f"{machine_folder(self.machine)}/year={self.year}/{self.survey}{behind}"
 
     @property
     def table(self) -> str:

@@ -13,8 +13,8 @@ from rich.text import Text
 from stepdiag.base.messages import joined, message
 from stepdiag.base.result.members import Verdict
 from stepdiag.comparing.evolution import Course
-from stepdiag.fleet.history import LeftOut, Point
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import LeftOut, Point
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
 from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS

@@ -16,7 +16,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
-from stepdiag.fleet.history import Series
+from stepdiag.fleet.series import Series
 from stepdiag.fleet.store import Store
 
 FILE = "tolerances.toml"

@@ -18,7 +18,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Verdict as Conforming
 from stepdiag.comparing.chance import Verdict
 from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter, waves_of
-from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
+from stepdiag.fleet.series import OF_VOLUME, Point, Series, Survey
 from stepdiag.texts.texts import UNITS
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.daq.survey.head_file import CALIBRATED, CURVES, AxisTable, DetectorTable, HeadFile, LeverTable, LightTable, UncertaintyTable
 from stepdiag.daq.survey.models import HeadRun
 from stepdiag.fourdof.calibrated import calibrated
+from stepdiag.solver.fourdof.axes import unit
 from stepdiag.solver.fourdof.commissioning import MAX_GAIN_ERROR
 from stepdiag.solver.fourdof.detector import Detector, DetectorAxis, spots
 from stepdiag.solver.fourdof.head import beam_angle_urad
@@ -203,8 +204,7 @@ def _plain(detector: Detector) -> Detector:
 def _lateral(moved_mm: Vector, run: HeadRun) -> Vector:
     """Return the target's motion in the directions of the detectors' x and y, shape (2,)."""
     side = 1.0 if run.target_on == "tool" else -1.0
-    ways = (run.detector_x, run.detector_y)
-    return np.array([side * (1.0 if way[0] == "+" else -1.0) * float(moved_mm[AXES.index(way[1])]) for way in ways])
+    return side * np.array([unit(run.detector_x) @ moved_mm, unit(run.detector_y) @ moved_mm])
 
 
 def _means(one: Standing, *, long: bool) -> list[tuple[Vector, int]]:

@@ -19,7 +19,7 @@ from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
 from stepdiag.fourdof.angular import Turns, turns_of
 from stepdiag.fourdof.calibrated import calibrated
-from stepdiag.solver.fourdof.axes import Mount, axis_errors
+from stepdiag.solver.fourdof.axes import Mount, axis_errors, unit
 from stepdiag.solver.fourdof.detector import Detector
 from stepdiag.solver.fourdof.head import Head, Motion, motion
 from stepdiag.solver.fourdof.variation import spread
@@ -209,8 +209,7 @@ def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vect
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
-    sides = [np.eye(3)[AXES.index(way[1])] * (1.0 if way[0] == "+" else -1.0) for way in (run.detector_x, run.detector_y)]
-    sense = float(np.cross(*sides)[axis]) * (1.0 if run.target_on == "tool" else -1.0)
+    sense = float(np.cross(unit(run.detector_x), unit(run.detector_y))[axis]) * (1.0 if run.target_on == "tool" else -1.0)
     roll: Vector = sense * np.interp(position, known.position_mm, known.value_urad)
     return roll
 

@@ -63,6 +63,7 @@ GRACE_S = 1.0
 """Time in s for the page to end its streams and downloads at the end of the daemon."""
 BACKLOG = 128
 LAST_WORDS = 2000
+"""Characters of a failure in the log: the rest of a traceback adds nothing."""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
@@ -144,7 +145,7 @@ async def page_served(path: Path, account: int, source: StatusSource, figures: C
         try:
             await visit.hear(reader)
         except Exception as error:  # noqa: BLE001 - whatever it is, the page comes back and the recording goes on
-            _log.error("page-ended", said=f"{type(error).__name__}: {error}"[:LAST_WORDS])
+            _log.error("page-ended", words=f"{type(error).__name__}: {error}"[:LAST_WORDS])
         finally:
             visits.discard(task)
             visit.close()
@@ -196,7 +197,7 @@ class PageKeeper:
                 last_words = f"{type(error).__name__}: {error}"[:LAST_WORDS]
             failures = 1 if time.monotonic() - began_s > LIVED_S else failures + 1
             wait_s = AGAIN_S[min(failures, len(AGAIN_S)) - 1]
-            _log.error("page-ended", said=last_words, again_in_s=wait_s)
+            _log.error("page-ended", words=last_words, again_in_s=wait_s)
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
@@ -309,7 +310,7 @@ class _Visit:
         """Log the fault, but not for every request of a client that has found a way to cause it."""
         self._faults += 1
         if str(self._faults).strip("0") == "1":
-            _log.error("page-fault", said=text[:LAST_WORDS], count=self._faults)
+            _log.error("page-fault", words=text[:LAST_WORDS], count=self._faults)
 
     async def _obey(self, order: Order) -> Words:
         """Return why an order was refused; empty where it is done."""

@@ -177,5 +177,5 @@ def address_of(request: HTTPConnection) -> str:
 
 
 def refused(status: int, why: Words) -> Response:
-    """Return a refusal in words: ``error`` for a program, ``said`` for a person, in every language."""
-    return JSONResponse({"error": str(why), "said": in_every_language(why)}, status_code=status)
+    """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every language."""
+    return JSONResponse({"error": str(why), "words": in_every_language(why)}, status_code=status)

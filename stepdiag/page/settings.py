@@ -23,6 +23,7 @@ TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
 SHORTEST_TOKEN = 16
 """Characters: fewer can be guessed."""
 LONGEST_TOKEN_BYTES = 1000
+"""A larger file is no token or password."""
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:

@@ -106,4 +106,4 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})
     about = {"state": last.state, "places": places, "word": last.word}
-    return {"code": last.code, "severity": severity, "times": len(members), "said": sentence, "advice": todo, **about}
+    return {"code": last.code, "severity": severity, "times": len(members), "sentence": sentence, "advice": todo, **about}

@@ -11,7 +11,7 @@ import structlog
 from stepdiag.walls.confine import confine_publisher, readable_by_program
 
 MOST_MEMORY = 2**30
-"""Bytes of data, whatever comes from the network; a server of OPC UA takes 140 MB of memory."""
+"""Bytes of data, whatever comes from the network; a server of OPC UA takes 160 MB of memory."""
 NAMES = ("/etc", "/run/systemd/resolve")
 """What finds a host by its name, and the authorities of certificates."""
 BEHIND = 5

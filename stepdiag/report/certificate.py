@@ -30,6 +30,7 @@ DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instr
 """Entries that a customer expects: "not stated" where nobody states them."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGEST_LOGO_BYTES = 500_000
+"""Bytes of a logo: it stands in the report as text, a third longer."""
 Gain = Literal["better", "same", "worse", "unsure"]
 
 
@@ -89,17 +90,19 @@ def facts_table(result: Result, words: Mapping[str, str], laboratory: Laboratory
 
 
 def _known(facts: Facts, laboratory: Laboratory) -> Facts:
-    """Return the facts of a survey, what is missing from the laboratory's file."""
-    laser = laboratory.equipment[0] if laboratory.equipment else Equipment(name="")
+    """Return the facts of a survey; what the laboratory's file states stands in their place, as in the certificate."""
+    of_survey = Equipment(name=facts.instrument, serial=facts.instrument_serial, certificate=facts.instrument_certificate)
+    laser = (*laboratory.equipment, of_survey)[0]
+    sensors = ", ".join(f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:])
     return replace(
         facts,
-        customer=facts.customer or laboratory.customer.name,
-        machine=facts.machine or laboratory.item.name,
-        machine_serial=facts.machine_serial or laboratory.item.serial,
-        instrument=facts.instrument or laser.name,
-        instrument_serial=facts.instrument_serial or laser.serial,
-        instrument_certificate=facts.instrument_certificate or laser.certificate,
-        sensors=facts.sensors or ", ".join(f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:]),
+        customer=laboratory.customer.name or facts.customer,
+        machine=laboratory.item.name or facts.machine,
+        machine_serial=laboratory.item.serial or facts.machine_serial,
+        instrument=laser.name,
+        instrument_serial=laser.serial,
+        instrument_certificate=laser.certificate,
+        sensors=sensors if laboratory.equipment else facts.sensors,
     )
 
 

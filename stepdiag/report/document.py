@@ -11,7 +11,7 @@ import jinja2
 
 from stepdiag.base.conformity import together
 from stepdiag.base.readings.readings import Readings
-from stepdiag.base.result.members import StandardFigures
+from stepdiag.base.result.members import VOLUME, StandardFigures
 from stepdiag.base.result.result import Result
 from stepdiag.conclusion import STATES, Conclusion, Sentence, conclude, conclusion_document, render, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
@@ -157,7 +157,7 @@ def _css_text(text: str) -> str:
 def _units(result: Result) -> dict[str, str]:
     functions = {name: function.unit for name, function in result.errors.items()}
     quantities = {name: quantity.unit for name, quantity in result.squareness.items()}
-    return {**functions, **quantities, SCALE_SUM: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
+    return {**functions, **quantities, SCALE_SUM: "um", VOLUME: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
 
 
 def _part(name: str) -> str:

@@ -13,6 +13,7 @@ from stepdiag.report.document import Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PRINT_TIMEOUT_S = 120.0
+"""Longest time of the browser for a print in s."""
 
 
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:

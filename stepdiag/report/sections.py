@@ -14,7 +14,7 @@ from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.basis import basis_of
 from stepdiag.base.result.interval import decimals_of, decimals_of_u, with_expanded
-from stepdiag.base.result.members import Drift, Lengths, StandardFigures
+from stepdiag.base.result.members import VOLUME, Drift, Lengths, StandardFigures
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.standard_figures import DIAGONAL_STANDARD
@@ -353,8 +353,8 @@ def budget_table(result: Result, units: Mapping[str, str], words: Mapping[str, s
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
     """Return a quantity of the budget in words: a function, what is left of it, a scale, a squareness."""
-    if quantity == SCALE_SUM:
-        return words["scale_sum"]
+    if quantity in (SCALE_SUM, VOLUME):
+        return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
     kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
     return words.get(f"quantity_{kind}", quantity).format(name=name)
 

@@ -106,6 +106,7 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
         "lines-driven",
         lines=lines,
         increments=plan.volume.increments,
+        dwell_s=plan.pace.dwell_s,
         times=message("in-orders", times=times, names=orders) if orders else times,
     )
 

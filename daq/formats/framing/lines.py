@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 LINE_CAP = 4096
 """Bytes; no instrument that sends a line a sample comes near."""
 _QUOTED_BYTES = 40
+"""Bytes of a garbage line that are quoted: enough to recognise it, short in a message."""
 
 
 class LineBuffer:

@@ -33,6 +33,7 @@ WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
 _LARGEST_URAD = 1e6
+"""A larger number is no angle of these instruments: a radian is far beyond their ranges."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -48,6 +48,7 @@ first packet was lost (RFC 6298, 2.1).
 RTU_WORST_ANSWER_S = 1.0
 """Longest wait for a late answer on a serial line in s; a later answer is found by its length."""
 _ATTEMPTS_TO_GET_IN_STEP = 3
+"""Probes before the link is given up; each waits `RTU_WORST_ANSWER_S` from the second on."""
 _WRITE_REGISTERS = 0x10
 _READS: dict[str, tuple[str, int]] = {
     "coil": ("read_coils", 1),

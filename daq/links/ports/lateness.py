@@ -6,6 +6,7 @@ from collections.abc import Callable
 from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
+"""Requests whose time is kept: an answer later than so many requests is not timed."""
 
 
 class Lateness:

@@ -27,6 +27,7 @@ AGREE_S = 2.0
 _SHOWN = 12
 """Bytes of something else that are shown."""
 ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
+"""Seconds to the first probe and between probes, and their number: ten seconds in all."""
 _REMEDIES = {
     errno.ECONNREFUSED: message("do-nothing-listens"),
     errno.EHOSTUNREACH: message("do-nobody-address"),

@@ -22,6 +22,8 @@ _NO_FLOW_CONTROL = 1
 _DTR, _RTS = {True: 8, False: 9}, {True: 11, False: 12}
 _NAMES = {_BAUD: "baud", _SIZE: "data bits", _PARITY: "parity", _STOP: "stop bits"}
 _LONGEST_COMMAND = 256
+"""Bytes of a subnegotiation that are kept: a server without an end mark must not fill the memory.
+"""
 State = Literal["data", "iac", "option", "command", "command-iac"]
 
 

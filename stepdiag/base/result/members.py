@@ -312,6 +312,12 @@ class HeadStraightness:
     difference_um: Maybe[Difference] = None
 
 
+VOLUME = "volume"
+"""The quantity of the budget that is the error vector over the volume."""
+READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "not measured"
+"""Sources of the budget beside the effects of the adjustment."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
     """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their combination by quantity."""

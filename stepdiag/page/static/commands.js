@@ -105,8 +105,8 @@ export async function order(name, given = {}) {
   if (answer === null) return put("answer", say("disconnected"));
   if (answer.status === 403) return discardToken();
   if (answer.ok) return put("answer", say("done"));
-  const { said } = await answer.json();
-  return put("answer", say("refused", { why: wordsOf(said) }));
+  const { words } = await answer.json();
+  return put("answer", say("refused", { why: wordsOf(words) }));
 }
 
 // Greasy hands press twice: the first press arms for four seconds.

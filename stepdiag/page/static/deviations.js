@@ -33,10 +33,10 @@ function frame(count, stops, setups) {
   return Math.max(own, ...stops.map(({ place }) => place + 1));
 }
 
-// Return what is said of a stop: its setup, number and deviation, and why it is doubtful.
+// Return the words of a stop: its setup, number and deviation, and the reason of a doubt.
 export function words({ setup, place, deviation_um: deviation, doubtful }) {
-  const said = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
-  return wordsOf(doubtful) ? `${said} (${say("doubtful", { reason: wordsOf(doubtful) })})` : said;
+  const sentence = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
+  return wordsOf(doubtful) ? `${sentence} (${say("doubtful", { reason: wordsOf(doubtful) })})` : sentence;
 }
 
 const passNumbers = (stops) => [...new Set(stops.map((one) => one.pass_number))].sort((a, b) => a - b);

@@ -41,14 +41,14 @@ export function update({ findings }) {
 }
 
 // A doubt that keeps its pass open can be accepted by a person with the token, who gives the reason: at a place, or by its code at all.
-function item({ code, severity, said, advice, times, state, places, word }, whole = false) {
+function item({ code, severity, sentence, advice, times, state, places, word }, whole = false) {
   const taken = places.length > 1 ? [code, ...places] : places;
   const accept = whole && mayOrder() && state === "open" ? taken.map((place) => button(place)) : [];
   return node(
     "li",
     { class: `finding ${severity} state-${state}` },
     node("strong", {}, common(`severity_${severity}`)),
-    `: ${said[language].replace(/[^.!?]$/, "$&.")} `,
+    `: ${sentence[language].replace(/[^.!?]$/, "$&.")} `,
     ...(times > 1 ? [node("strong", {}, `×${times} `)] : []),
     node("span", { class: "quiet" }, advice[language]),
     " ",

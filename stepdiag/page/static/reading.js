@@ -29,14 +29,14 @@ function beam({ beam: strength, beam_lost: lost }) {
   document.querySelector(".beam").hidden = unknown;
   const share = strength === null || lost ? 0 : Math.min(1, Math.max(0, strength));
   const words = say(lost ? "beam_lost" : share < WEAK ? "beam_weak" : "beam_good");
-  const said = strength === null || lost ? words : `${shown(100 * share, 0)} % ${words}`;
+  const strengthText = strength === null || lost ? words : `${shown(100 * share, 0)} % ${words}`;
   const meter = document.getElementById("beam-meter");
   meter.setAttribute("aria-valuenow", (100 * share).toFixed(0));
-  meter.setAttribute("aria-valuetext", said);
+  meter.setAttribute("aria-valuetext", strengthText);
   meter.setAttribute("aria-label", say("beam"));
   meter.className = `meter ${lost ? "bad" : share < WEAK ? "weak" : "good"}`;
   document.getElementById("beam-fill").style.width = `${100 * share}%`;
-  put("beam-words", said);
+  put("beam-words", strengthText);
 }
 
 function links(snapshot) {

@@ -1,4 +1,4 @@
-// The last ten seconds at full rate: lowest and highest sample of every bin, so that nothing the laser said is left out.
+// The last ten seconds at full rate: lowest and highest sample of every bin, so that no reading of the laser is left out.
 
 import { Curves } from "./curves.js";
 import { put } from "./draw.js";

@@ -28,7 +28,7 @@ function filled(name, value) {
   return name === "setup" ? setupName(value) : value;
 }
 
-// Return what the daemon said in the language chosen.
+// Return the words of the daemon in the chosen language.
 export const wordsOf = (both) => both?.[language] ?? "";
 
 export const common = (key) => texts.common[key] ?? key;

@@ -17,6 +17,7 @@ from stepdiag.virtual.base.reserved import reserved_port
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
+"""A full buffer for this time in s means that nothing reads the line."""
 
 
 class Line(Protocol):

@@ -16,6 +16,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 Three = tuple[float, float, float]
 _MOVED_MM = 1e-9
+"""A smaller change of a commanded position is rounding and no move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ Read = Callable[[Array], tuple[Array, Flags]]
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
+"""A returning beam is off by a random number of fringes, each a quarter of the wavelength."""
 
 
 class Display(Protocol):

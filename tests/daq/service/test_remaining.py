@@ -13,12 +13,19 @@ from stepdiag.daq.passes.verdict import suspected
 from stepdiag.daq.service.remaining import own_minutes, to_drive
 from stepdiag.daq.service.snapshot import setup_statuses
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.captured import stops_of
+from testkit.exact import captured
 from testkit.timeline import survey_text
 
 SURVEY = parse_survey(survey_text(setups=("ppp", "npp"), back=True), "survey.toml")
 DRIVEN = [(setup, outward) for setup in ("ppp", "npp") for outward in (True, False)]
 SETTING_UP_MIN = 20.0
+TAKES_MIN = 31.0
+
+
+def stops_of(setup: str = "ppp", **how) -> list:
+    """Return perfect stops of a pass; the setups stand so many minutes apart."""
+    later_s = 60.0 * TAKES_MIN * ("ppp", "npp").index(setup)
+    return [msgspec.structs.replace(stop, time_s=stop.time_s + later_s) for stop in captured.stops_of(setup, **how)]
 
 
 def book(*parts) -> PassBook:
@@ -73,13 +80,25 @@ def test_setting_up_takes_as_long_as_the_log_shows(waits_min, diagonal_min, shif
     stops, time_s = [], 0.0
     for setup, wait_min in zip(("ppp", "npp", "npp+1", "pnp"), (0.0, *waits_min), strict=True):
         time_s += 60.0 * wait_min
-        for stop in stops_of("npp" if "+" in setup else setup):
+        for stop in captured.stops_of("npp" if "+" in setup else setup):
             stops.append(msgspec.structs.replace(stop, setup=setup, time_s=time_s))
             time_s += 3.0
         time_s -= 3.0
     pace = own_minutes(SURVEY, stops).pace
     assert (pace.diagonal_setup_min, pace.beam_shift_min) == pytest.approx((diagonal_min, shift_min))
     assert pace.linear_setup_min == SURVEY.planned.pace.linear_setup_min
+
+
+@pytest.mark.parametrize("took_min", [12.0, 55.0])
+def test_the_time_left_counts_setting_up_as_it_went(took_min) -> None:
+    """One setup was aligned within so many minutes: so will the next one be."""
+    plan = parse_survey(survey_text(setups=("ppp", "npp", "pnp"), back=True), "survey.toml")
+    driven = PassBook(plan)
+    for minute, setup, outward in ((0.0, "ppp", True), (1.0, "ppp", False), (1.0 + took_min, "npp", True), (2.0 + took_min, "npp", False)):
+        driven.add_all(
+            msgspec.structs.replace(stop, time_s=stop.time_s + 60.0 * minute) for stop in captured.stops_of(setup, outward=outward)
+        )
+    assert sum(each.minutes for each in to_drive(plan, driven)) == pytest.approx(took_min, abs=1.0)
 
 
 def test_a_pass_that_runs_goes_on_where_it_is() -> None:

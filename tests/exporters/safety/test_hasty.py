@@ -6,7 +6,7 @@ from testkit.exact.hasty import lived, stories
 
 
 def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
-    """Old tables, half switched, loaded twice or half, of another machine; those in which everything was right go through."""
+    """Old tables, half switched, loaded twice or half, edited, of another machine, listed wrongly; right ones go through."""
     quiet, stopped, refused = [], Counter(), []
     for number, story in enumerate(stories()):
         why, before, after = lived(story, number, tmp_path / f"{number}")
@@ -14,9 +14,9 @@ def test_no_hasty_sequence_ends_quietly_with_a_worse_machine(tmp_path) -> None:
         if not why and after > 1.02 * before + 0.3:
             quiet.append(f"{story}: {before:.2f} -> {after:.2f} um")
         right = story.on == "none" if story.stated == "off" else story.on == "all"
-        if why and right and story.done in ("whole", "twice"):
+        if why and right and story.done in ("whole", "twice") and story.listed == "all":
             refused.append(f"{story}: {why}")
     assert quiet == []
     assert refused == []
-    assert sum(stopped.values()) >= 30
-    assert stopped["read back"] >= 5
+    assert sum(stopped.values()) >= 60
+    assert min(stopped["read back"], stopped["loading"]) >= 5

@@ -1,22 +1,29 @@
 """Finished surveys and made-up histories for the tests of a fleet."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError
+from stepdiag.base.files import write_hashed
+from stepdiag.base.result.result import parse_result
 from stepdiag.completion.completion import complete
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.archive import put_table
-from stepdiag.fleet.history import Series, Survey, history_in
+from stepdiag.fleet.history import history_in
 from stepdiag.fleet.rows import RMS, About, Row
+from stepdiag.fleet.series import Series, Survey
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 FIRST = datetime(2020, 1, 15, tzinfo=UTC)
 NOW = datetime(2060, 1, 1, tzinfo=UTC)
+QUARTER = timedelta(days=91)
 
 
 def series_of(store: Store, machine: str = "", software: str = "") -> tuple[Series, ...]:
@@ -59,6 +66,25 @@ def finished_survey(folder: Path, machine: str = "Mill 7/ä", event: str = "") -
     log.write_bytes(with_survey(text))
     complete([log], target)
     return target
+
+
+def write_rounds(folder: Path, squareness: Sequence[float], tolerance: float | None) -> None:
+    """Write a result a quarter, each with its C0Y in µrad, U 0.2."""
+    made = folder / "0001" if (folder / "0001").exists() else finished_survey(folder)
+    first = parse_result((made / RESULT).read_text(encoding="utf-8"), "made")
+    for number, value in enumerate(squareness):
+        moment = (FIRST + number * QUARTER).strftime("%Y-%m-%d %H:%M UTC")
+        assert first.survey is not None
+        facts = replace(first.survey, begun=moment, ended=moment)
+        result = replace(
+            first, survey=facts, squareness=first.squareness | {"C0Y": replace(first.squareness["C0Y"], value=value, u=0.1)}, findings=()
+        )
+        target = folder / f"{number + 1:04d}"
+        target.mkdir(exist_ok=True)
+        judged = result if tolerance is None else with_tolerance(result, {"squareness_urad": tolerance})
+        for old in target.glob(f"{RESULT}*"):
+            old.unlink()
+        write_hashed(target / RESULT, judged.to_json())
 
 
 def write_history(

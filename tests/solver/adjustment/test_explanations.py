@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from stepdiag.base.result.field import PRODUCTS
 from stepdiag.solver.adjustment.adjustment import adjust
-from stepdiag.solver.adjustment.explanations import GROWN, ODDS, PRODUCT, SCALE, SURE, explained, products_um, reaching, shares
+from stepdiag.solver.adjustment.evidence import GROWN, ODDS, PRODUCT, SCALE
+from stepdiag.solver.adjustment.explanations import SURE, explained, products_um, reaching, shares
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.effects import BESIDE, ONE_SCALE
 from stepdiag.solver.model.layout import lay_out

@@ -12,9 +12,9 @@ MACHINE = Bench(size_mm=(800.0, 600.0, 500.0), angle_urad=10.0)
 HEAD = ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ")
 
 
-def solved(seed, wrong=(), slip_mm=0.0):
+def solved(seed, wrong=(), slip_mm=0.0, size_urad=10.0):
     """Solve a survey with the angles of a head, some of the wrong sign, and one reading that is off."""
-    bench = replace(MACHINE, seed=seed)
+    bench = replace(MACHINE, seed=seed, angle_urad=size_urad)
     every, readings = bench.angles(1.0), bench.survey(passes=(1, 2))
     angles = {name: replace(every[name], value_urad=(-1.0 if name in wrong else 1.0) * every[name].value_urad) for name in HEAD}
     reading = np.array(readings.reading_mm)
@@ -40,6 +40,14 @@ def test_a_wrong_sign_is_named_before_any_reading(wrong):
             np.corrcoef(value[1:], np.interp(result.errors[name].position_mm, true[name].position_mm, true[name].value_urad)[1:])[0, 1]
             > 0.9
         )
+
+
+@pytest.mark.parametrize("wrong", [(), HEAD])
+def test_a_sign_that_nothing_sees_is_stated(wrong):
+    """Whatever sign they have; of functions that are smaller than their uncertainty nothing is stated."""
+    found = [each for each in solved(2, wrong).findings if each.key == "straightness-unchecked.angles"]
+    assert [(each.severity, each.text[:13]) for each in found] == [("info", "EAZ, EBZ, ECY")]
+    assert not [each for each in solved(2, wrong, size_urad=0.2).findings if each.key == "straightness-unchecked.angles"]
 
 
 @pytest.mark.parametrize("slip_mm", [0.0, 0.02])

@@ -176,3 +176,20 @@ def _measured(position_mm, function, rng):
     value = function(position_mm) + rng.normal(0.0, 0.2, len(position_mm))
     u = np.full(len(position_mm), 0.2)
     return Function(position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u)
+
+
+@pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS], ids=["all", "diagonals"])
+@pytest.mark.parametrize("increments", [5, 10])
+def test_the_shares_of_the_volume_make_its_uncertainty(setups, increments):
+    """From the causes of the posterior, without a draw; the largest is what the conclusion names."""
+    result = solve(Bench(seed=1, increments=increments).survey(setups))
+    shares = result.budget.shares["volume"]
+    assert float(np.linalg.norm(list(shares.values()))) == pytest.approx(result.volumetric_u_um, rel=0.02)
+    assert result.budget.combined["volume"] == pytest.approx(result.volumetric_u_um, rel=0.02)
+    assert max(shares, key=shares.get) == ("between the targets" if len(setups) == 7 else "not measured")
+
+
+def test_twice_the_increments_make_the_share_between_the_targets_smaller():
+    """As the conclusion promises where it is the largest."""
+    few, many = (solve(Bench(seed=1, increments=n).survey()).budget.shares["volume"]["between the targets"] for n in (5, 10))
+    assert many < 0.7 * few

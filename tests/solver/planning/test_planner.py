@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
-from stepdiag.base.readings.runs import Plan, Run, perfect_readings, plan_minutes
+from stepdiag.base.readings.runs import Pace, Plan, Run, perfect_readings, plan_minutes
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Volume
@@ -20,7 +20,7 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.information import told
 from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
-from stepdiag.solver.planning.search import EVERY_WAY, Exchange
+from stepdiag.solver.planning.search import Exchange, every_way
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
 from testkit.rates import designs
@@ -147,12 +147,23 @@ def test_the_shortest_survey_down_to_a_target_that_real_surveys_reach():
     assert found.minutes < 200
 
 
+@pytest.mark.parametrize(("planned_s", "reading_um", "dwell_s"), [(2.0, 0.3, 4.0), (2.0, 4.0, 4.0), (20.0, 0.05, 2.0)])
+def test_the_dwell_is_sought_and_leaves_less_than_the_planned_one(planned_s, reading_um, dwell_s):
+    """203 minutes, on a machine that comes back exactly: standing longer is worth more than one shift more, standing 20 s is not."""
+    about = replace(IDEALLY, head=False, assumed=replace(IDEAL, reading_um=reading_um, angles_urad=10.0, between_um=0.0))
+    survey = replace(BARE.with_runs(*LINEAR), pace=Pace(dwell_s=planned_s))
+    best, alone = (plan(survey, one, available_min=203.0).best for one in (about, replace(about, dwells_s=())))
+    assert (best.plan.pace.dwell_s, alone.plan.pace.dwell_s) == (dwell_s, planned_s)
+    assert best.left_um.value_um < 0.95 * alone.left_um.value_um
+    assert plan_minutes(best.plan) <= 203.0
+
+
 @pytest.fixture(scope="module")
 def eleven():
     """Four diagonals, three runs and the diagonals shifted, with what each of the 2048 choices leaves and takes."""
     start = replace(BARE, volume=replace(BOX, increments=10))
     shifted = tuple(replace(run, beam_offset_mm=(0.0, 0.0, 150.0)) for run in DIAGONALS)
-    lines = Exchange(start, replace(IDEALLY, head=False), (*DIAGONALS, *shifted, *LINEAR), EVERY_WAY[0])
+    lines = Exchange(start, replace(IDEALLY, head=False), (*DIAGONALS, *shifted, *LINEAR), every_way(2.0, IDEALLY)[0])
     choices = [choice for count in range(12) for choice in itertools.combinations(range(11), count)]
     return lines, [(lines.minutes(choice, 10), lines.square_um2(choice)) for choice in choices]
 

@@ -10,7 +10,7 @@ from stepdiag.base.readings.runs import Run
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.volume import anywhere_mm, rms
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.planning.search import EVERY_WAY, Exchange, offered
+from stepdiag.solver.planning.search import Exchange, every_way, offered
 from stepdiag.solver.planning.sequel import LEAST_UM, sequel
 from testkit.rates import designs
 
@@ -61,7 +61,7 @@ def test_one_diagonal_shows_no_angles_and_the_plan_goes_on():
 def test_what_stands_comes_first_and_is_shifted_in_five_minutes():
     """Of lines beside the last setup the first costs the shift, of others an alignment."""
     lines = offered(SEVEN, JOB)
-    exchange = Exchange(SEVEN, JOB, lines, EVERY_WAY[1], SEVEN.runs[:4])
+    exchange = Exchange(SEVEN, JOB, lines, every_way(2.0, JOB)[1], SEVEN.runs[:4])
     beside = {
         base: next(place for place, line in enumerate(lines) if line.setup == base and any(line.beam_offset_mm)) for base in NAMES[:4]
     }
@@ -71,7 +71,7 @@ def test_what_stands_comes_first_and_is_shifted_in_five_minutes():
 
 @pytest.mark.parametrize("count", [1, 3, 5])
 def test_what_is_driven_counts_as_what_is_chosen(count):
-    lines, ways = offered(SEVEN, JOB), EVERY_WAY[1]
+    lines, ways = offered(SEVEN, JOB), every_way(2.0, JOB)[1]
     first, last = list(range(count)), count + 3
     chosen = Exchange(SEVEN, JOB, lines, ways).square_um2([*first, last])
     given = Exchange(SEVEN, JOB, [lines[last]], ways, [ways.of(lines[place]) for place in first])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.solver.adjustment.hypotheses import tell
+from stepdiag.solver.adjustment.evidence import tell
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve

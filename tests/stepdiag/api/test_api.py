@@ -1,6 +1,7 @@
 """The public Python door: its names, its example, and the way from readings to files and from a log to numbers."""
 
 import doctest
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,8 @@ def test_the_public_names_are_these():
         "Readings",
         "RecordedLog",
         "Result",
+        "Verified",
+        "certificate",
         "compare",
         "export",
         "frame",
@@ -43,6 +46,7 @@ def test_the_public_names_are_these():
         "solve",
         "table",
         "verify",
+        "verify_certificate",
     }
 
 
@@ -78,3 +82,17 @@ def test_a_log_is_every_sample_of_its_raw_bytes(tmp_path):
     np.testing.assert_allclose(log.laser.position_mm, np.arange(20) / 1000)
     assert log.laser.arrival_ns.tolist() == [chunk.arrival_ns for chunk in lines]
     assert log.stops == ()
+
+
+def test_certificate_of_a_result_is_computed_again(tmp_path):
+    """Written from Python, it is that of the command to the byte, and holds until something below it changes."""
+    shutil.copy(READINGS, tmp_path / "readings.csv")
+    (tmp_path / "laboratory.toml").write_text("[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n", encoding="utf-8")
+    assert stepdiag("solve", tmp_path / "readings.csv", "--out", tmp_path / "result.json").code == 0
+    stated = {"laboratory": tmp_path / "laboratory.toml"}
+    assert api.certificate(tmp_path / "result.json", tmp_path / "c.xml", **stated) == 3
+    told = stepdiag("certificate", tmp_path / "result.json", "--laboratory", stated["laboratory"], "--out", tmp_path / "d.xml")
+    assert (told.code, (tmp_path / "c.xml").read_bytes()) == (0, (tmp_path / "d.xml").read_bytes())
+    assert api.verify_certificate(tmp_path / "c.xml", tmp_path).broken is None
+    (tmp_path / "laboratory.toml").write_text("[certificate]\nbegun = 2026-05-29\nended = 2026-05-31\n", encoding="utf-8")
+    assert api.verify_certificate(tmp_path / "c.xml", tmp_path).broken.key == "custody-changed"

@@ -58,6 +58,20 @@ def test_ball_bearings_of_example_9_5_4():
     assert accepted_wrongly(1.67) < 0.001 < accepted_wrongly(1.68)
 
 
+def test_resistors_of_the_example_of_global_risks():
+    """JCGM 106:2012, 9.5, READ in a lecture that quotes the example with its results (D. Hüser, TU Braunschweig, MDA, chapter 6).
+
+    Resistors of 1500 ohm scatter by 0.12 ohm, 0.2 ohm are allowed, u is 0.04 ohm, accepted is within 0.18 ohm. Without inspection 10 % do
+    not conform; with it 1 % of all are accepted wrongly (consumer) and 7 % rejected wrongly (producer).
+    """
+    apart = np.linspace(-1.0, 1.0, 20_001)
+    share = np.exp(-0.5 * (apart / 0.12) ** 2) / np.sum(np.exp(-0.5 * (apart / 0.12) ** 2))
+    accepted, good = np.array([probability(each, 0.04, 0.18) for each in apart]), np.abs(apart) <= 0.2
+    assert round(100.0 * (1.0 - probability(1500.0, 0.12, 1500.2, least=1499.8))) == 10
+    assert round(100.0 * float(accepted[~good] @ share[~good])) == 1
+    assert round(100.0 * float((1.0 - accepted[good]) @ share[good])) == 7
+
+
 @given(st.floats(-50, 50), st.floats(0.01, 20), st.floats(0.1, 50))
 def test_verdict_keeps_the_guard_band(value, u, tolerance):
     low, high = value - 2 * u, value + 2 * u

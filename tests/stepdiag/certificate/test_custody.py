@@ -6,7 +6,9 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
+import msgspec
 import numpy as np
 import pytest
 from lxml import etree
@@ -18,6 +20,9 @@ from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import parse_result
 from stepdiag.certificate import custody
 from stepdiag.certificate.custody import custody_of, parsed, verify_certificate
+from stepdiag.certificate.elements import document
+from stepdiag.daq.passes.doubt import Acceptance
+from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.page.downloads import downloads_of
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench
@@ -108,6 +113,22 @@ def _tolerance_wider(folder: Path) -> None:
     rehashed(folder, result, "result.json")
 
 
+def _another_program(folder: Path) -> None:
+    before = (folder / "result.json").read_bytes()
+    altered(folder / "result.json", '"name": "stepdiag"', '"name": "LaserCal"')
+    rehashed(folder, before, "result.json")
+    altered(folder / "c.xml", ">stepdiag<", ">LaserCal<")
+
+
+def _another_machine(folder: Path) -> None:
+    """A serial number in a result of readings, in which no machine stands."""
+    path = folder / "result.json"
+    before, found = path.read_bytes(), parse_result(path.read_text(encoding="utf-8"))
+    path.write_text(replace(found, survey=Facts(machine_serial="4711")).to_json(), encoding="utf-8", newline="")
+    rehashed(folder, before, "result.json")
+    altered(folder / "c.xml", "<dcc:value>not stated<", "<dcc:value>4711<")
+
+
 def _source_left_out(folder: Path) -> None:
     root = etree.fromstring((folder / "c.xml").read_bytes())
     (note,) = root.findall(".//{https://ptb.de/dcc}quantity[@refType='stepdiag_readings']")
@@ -136,6 +157,8 @@ FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
     "the readings alone": (lambda f: altered(f / "readings.csv", "ppp,1,1,", "ppp,1, 1,"), "custody-changed"),
     "the readings with all hashes": (_readings_prettier, "custody-result"),
     "the tolerance with all hashes": (_tolerance_wider, "custody-result"),
+    "another program": (_another_program, "custody-result"),
+    "another machine": (_another_machine, "custody-result"),
     "a source left out": (_source_left_out, "custody-sources"),
     "the readings gone": (lambda f: (f / "readings.csv").unlink(), "custody-missing"),
     "a value moved behind its element": (
@@ -182,12 +205,21 @@ def test_export_report_of_another_result_is_refused(folder: Path, tmp_path: Path
     assert verify_certificate(folder / "e.xml", folder).broken is None
     report = folder / "exports" / "EXPORT_REPORT.txt"
     before = report.read_bytes()
+    table = exports / "READ_BACK.ngc"
+    whole = table.read_bytes()
+    table.write_bytes(whole + b"\n")
+    told = stepdiag(*again[:-1], tmp_path / "f.xml")
+    assert (told.code, "READ_BACK.ngc: SHA256SUMS" in str(told.refusal)) == (3, True), told.refusal
+    table.write_bytes(whole)
     altered(report, hashlib.sha256((folder / "result.json").read_bytes()).hexdigest(), "0" * 64)
     (exports / "EXPORT_REPORT.txt").write_bytes(report.read_bytes())
     (folder / "e.xml").rename(folder / "c.xml")
     assert stepdiag(*again).code == 3
     rehashed(folder, before, "exports/EXPORT_REPORT.txt")
     assert verdict(folder) == "custody-other-result"
+    report.write_bytes(before + b"loaded\n")
+    rehashed(folder, (exports / "EXPORT_REPORT.txt").read_bytes(), "exports/EXPORT_REPORT.txt")
+    assert verdict(folder) == "custody-set"
 
 
 def test_result_named_twice_is_refused(folder: Path) -> None:
@@ -310,7 +342,7 @@ def test_signature_is_checked_and_figures_behind_it_too(folder: Path) -> None:
 
 
 def test_signature_hides_nothing(folder: Path) -> None:
-    """A remark, an element in a second signature, a signature below another element, the signature of another key."""
+    """A remark, a style sheet, an element in a second signature, a signature below another element, the signature of another key."""
     key, certificate = signing_key(folder)
     (folder / "c.xml").unlink()
     command = ("certificate", folder / "result.json", "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml")
@@ -320,6 +352,10 @@ def test_signature_hides_nothing(folder: Path) -> None:
     whole = (folder / "c.xml").read_bytes()
     altered(folder / "c.xml", "<dcc:items>", "<dcc:items><!-- passed -->")
     assert verdict(folder) == "custody-bytes"
+    (folder / "c.xml").write_bytes(whole.replace(b"<dcc:digital", b'<?xml-stylesheet href="other.xsl"?><dcc:digital', 1))
+    assert verdict(folder) == "custody-bytes"
+    (folder / "c.xml").write_bytes(whole.decode().replace("UTF-8", "UTF-16", 1).encode("utf-16"))
+    assert verdict(folder) == "", "the same in another encoding"
     root = etree.fromstring(whole)
     root.find(".//{https://ptb.de/dcc}items").append(root[-1])
     (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
@@ -369,10 +405,28 @@ def _flip(data: bytes, at: int, bits: int = 1) -> bytes:
 
 
 def test_words_of_persons_are_links(tmp_path: Path) -> None:
-    """A time that a person stated beside the logs, with name and reason: in the chain, to the bit."""
+    """A finding that a person accepted beside the logs, with name and reason: in the chain to the bit, and not to be left out."""
     folder = finished_survey(tmp_path)
-    (folder / "dated.jsonl").write_text("", encoding="utf-8")
+    word = Acceptance(setup="ppp", pass_number=1, stop=3, code="stop-recovered", taken_ns=1, reason="seen", name="Mo", time_s=1.0)
+    (folder / "accepted.jsonl").write_bytes(msgspec.json.encode(word) + b"\n")
     assert stepdiag("certificate", folder, "--out", tmp_path / "c.xml").code == 0
     assert verdict(tmp_path) == ""
-    (folder / "dated.jsonl").write_text("\n", encoding="utf-8")
+    root = ET.fromstring((tmp_path / "c.xml").read_bytes())
+    assert "ppp/1/3: stop-recovered; Mo: seen" in "".join(root.itertext())
+    for parent, left_out in [(node, each) for node in root.iter() for each in node if each.get("refType") == "stepdiag_accepted"]:
+        parent.remove(left_out)
+    whole = (tmp_path / "c.xml").read_bytes()
+    (tmp_path / "c.xml").write_bytes(document(root))
+    assert verdict(tmp_path) == "custody-unnamed"
+    (tmp_path / "c.xml").write_bytes(whole)
+    (folder / "accepted.jsonl").write_bytes(b"\n")
     assert verdict(tmp_path) == "custody-changed"
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_words_that_the_certificate_does_not_name_are_found(name: str, tmp_path: Path) -> None:
+    """Beside the logs they count, whenever they were written."""
+    folder = finished_survey(tmp_path)
+    assert stepdiag("certificate", folder, "--out", tmp_path / "c.xml").code == 0
+    (folder / name).write_text("\n", encoding="utf-8")
+    assert verdict(tmp_path) == "custody-unnamed"

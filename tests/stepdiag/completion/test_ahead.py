@@ -1,5 +1,6 @@
 """What to drive next by the last survey of the machine, and a further setup put into the survey file."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,13 @@ from stepdiag.base.messages import rendered
 from stepdiag.base.readings.readings import render_readings
 from stepdiag.base.readings.runs import Run
 from stepdiag.base.result.members import Facts
-from stepdiag.completion.ahead import in_words, look_ahead, take
+from stepdiag.completion.ahead import in_words, known_before, look_ahead, take
+from stepdiag.completion.foreseen import circumstances
+from stepdiag.daq.records.survey_folder import machine_folder
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.planning.sequel import Sequel
+from testkit.cli import stepdiag
 from testkit.rates import designs
 from testkit.rates.sequels import SEVEN
 from testkit.running.survey_files import SMALLEST
@@ -29,11 +33,11 @@ def file(tmp_path):
     return path
 
 
-def before(file, machine):
-    """Leave a finished survey of a machine with angles of 45 urad in a folder beside."""
-    readings = designs.drive(SEVEN, designs.machine_of(45.0, 911), np.random.default_rng(1))
-    result = replace(solve(readings, chain="FXYZ", assumed=designs.about(15.0).assumed), survey=Facts(machine=machine))
-    folder = file.parent / "last year" / "0001"
+def before(file, machine, urad=45.0, folder="last year/0001", ended="2025-11-03"):
+    """Leave a finished survey of a machine with angles of so many urad in a folder beside."""
+    readings = designs.drive(SEVEN, designs.machine_of(urad, 911), np.random.default_rng(1))
+    result = replace(solve(readings, chain="FXYZ", assumed=designs.about(15.0).assumed), survey=Facts(machine=machine, date=ended))
+    folder = file.parent / folder
     folder.mkdir(parents=True)
     (folder / "result.json").write_text(result.to_json())
     (folder / "readings.csv").write_text(render_readings(readings))
@@ -49,6 +53,23 @@ def test_the_last_survey_of_the_machine_shows_how_large_its_angles_are(file):
     known = look_ahead(file)[2]
     assert known.then_um > 1.15 * usual.then_um
     assert known.angles_urad is None, "nothing of this survey shows them yet"
+
+
+def test_the_store_counts_as_a_folder_beside(file):
+    """The newest survey of this machine, wherever it stands and whenever it was copied."""
+    machine = load_survey(file).identity.machine
+    file.write_text(file.read_text().replace("[survey]\n", '[survey]\narchive = "works"\n'))
+    with pytest.raises(UsageError, match=r"survey\.archive"):
+        look_ahead(file)
+    before(file, machine, 60.0, f"works/{machine_folder(machine)}/year=2026/0123456789abcdef", "2026-02-01")
+    before(file, machine, 8.0)
+    ahead = ("plan", str(file), "--minutes", "160", "--json")
+    survey = load_survey(file)
+    assert known_before(file, survey, circumstances(survey))[1].name == "0123456789abcdef"
+    found = stepdiag(*ahead)
+    file.write_text(file.read_text().replace('archive = "works"\n', ""))
+    usual, small = (json.loads(each.out)["forecast"]["left_um"]["value"] for each in (found, stepdiag(*ahead)))
+    assert small < 0.8 * usual
 
 
 def test_a_taken_setup_stands_in_the_survey_file(file):

@@ -16,6 +16,7 @@ from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
 from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Budget
 from stepdiag.base.result.result import Quantity, Result, parse_result
 from stepdiag.conclusion import (
     Export,
@@ -58,6 +59,34 @@ def predicted(rms: tuple[float, float, float], largest: tuple[float, float, floa
 def reach_of_json(document: dict[str, Any]) -> Reach:
     """Return the reach of a ``predicted`` of contract 4."""
     return reach_of(members(predicted=document)["predicted"])
+
+
+class TestTheLargestShare:
+    @pytest.mark.parametrize(
+        ("source", "words"),
+        [
+            ("between the targets", "drive with 20 increments"),
+            ("readings", "drive each setup once more"),
+            ("not measured", "add the runs that are missing"),
+            ("angles", "measure them, with a 4-DOF head"),
+            ("drift", "drive out and back"),
+            ("growth", "warm the machine up"),
+            ("air", "of the material and the air"),
+        ],
+    )
+    def test_is_named_with_what_makes_it_smaller(self, source: str, words: str) -> None:
+        """3 um of 5 in all, by squares 9 of 25: 36 %; what has no knob is in the whole alone."""
+        shares = {"readings": 0.0, "wander": 0.0, "sizes of these": 4.0, source: 3.0}
+        result = replace(made_result(), budget=Budget(assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}))
+        increments = result.volume.increments
+        said = [render(one, "en") for one in conclude(result).reached if one.key == "reach_largest"]
+        assert len(said) == 1
+        assert "36 %" in said[0]
+        assert words.replace("20", f"{2 * increments}") in said[0]
+
+    def test_is_not_named_without_a_budget_of_the_volume(self) -> None:
+        for budget in (None, Budget(assumptions={}, shares={"EXX": {"readings": 1.0}}, combined={"EXX": 1.0})):
+            assert not [one for one in conclude(replace(made_result(), budget=budget)).reached if one.key == "reach_largest"]
 
 
 class TestWhatIsWrong:

@@ -16,10 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.comparing.alike import Standing
-from stepdiag.fleet.history import Survey
 from stepdiag.fleet.page import Sheets, create_app
 from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.series import Survey
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, as_json, leaves

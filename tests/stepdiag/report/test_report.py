@@ -36,7 +36,7 @@ from stepdiag.report.drawings.figure import Figure
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
-from stepdiag.report.laboratory import Equipment, Head, Laboratory, Person, Place
+from stepdiag.report.laboratory import Equipment, Head, Item, Laboratory, Person, Place
 from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.output import write_report
 from stepdiag.report.sections import budget_table, conditions_table
@@ -217,6 +217,23 @@ def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(languag
     assert seen.count(words["compensation_unstated"]) >= 3, "serial number, operator, role of B"
     assert "content: '2026\\00002f\\0000270042\\00005c'" in html, "no character of the number ends the string of the style"
     assert hashlib.sha256(made_up_result().to_json().encode()).hexdigest() in seen
+
+
+def test_report_states_who_and_what_as_the_certificate_does() -> None:
+    """What the laboratory's file states stands in place of what the survey file states; a laser without a certificate has none."""
+    survey = {"machine": "virtual", "customer": "Shop", "instrument": "old laser", "instrument_certificate": "D 1", "sensors": "hand-held"}
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    rows = dict(
+        facts_table(
+            made_up_result(survey=survey),
+            words,
+            Laboratory(item=Item(name="Mill 7"), customer=LABORATORY.customer, equipment=LABORATORY.equipment),
+        ).rows
+    )
+    names = ("machine", "customer", "instrument", "instrument_certificate", "sensors")
+    assert [rows[words[name]].strip() for name in names] == ["Mill 7", "Works", "laser", "not stated", "PTU300"]
+    rows = dict(facts_table(made_up_result(survey=survey), words).rows)
+    assert [rows[words[name]] for name in names] == list(survey.values())
 
 
 def test_report_without_a_laboratory_has_room_for_a_signature_and_no_number() -> None:

@@ -65,9 +65,9 @@ def test_the_page_with_every_finding_is_german() -> None:
     """Each with its place, its arguments and what to do."""
     shown = [FindingStatus(code=one.code, severity=one.severity, text=one.text, message=one.message, at=PLACE) for one in MADE]
     entries = [entry for one in shown for entry in grouped([one])]
-    german = [text for entry in entries for text in (entry["said"]["de"], entry["advice"]["de"])]
+    german = [text for entry in entries for text in (entry["sentence"]["de"], entry["advice"]["de"])]
     assert [text for text in german if is_english(text)] == []
-    assert all(entry["said"]["de"].startswith("ppp hin, Messpunkt 5: ") for entry in entries)
+    assert all(entry["sentence"]["de"].startswith("ppp hin, Messpunkt 5: ") for entry in entries)
     assert {entry["code"] for entry in entries} == {one.code for one in MADE}
 
 

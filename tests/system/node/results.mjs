@@ -21,6 +21,13 @@ try {
     methodId: method.nodeId,
     inputArguments: [{ dataType: "Int32", value: 0 }],
   });
+  const [notification] = await below(machine.nodeId, (name) => name.name === "Notification");
+  const [list] = await below(notification.nodeId, (name) => name.name === "Prognoses");
+  const prognoses = {};
+  for (const { nodeId, browseName } of await below(list.nodeId, () => true)) {
+    const [time] = await below(nodeId, (name) => name.name === "PredictedTime");
+    prognoses[browseName.name] = (await session.read({ nodeId: time.nodeId, attributeId: AttributeIds.Value })).value.value;
+  }
   const plain = ({ resultMetaData, resultContent }) => ({
     type: resultMetaData.constructor.name,
     id: resultMetaData.resultId,
@@ -32,6 +39,7 @@ try {
   console.log(JSON.stringify({
     variable: plain(read.value.value),
     method: plain(called.outputArguments[1].value),
+    prognoses,
   }));
 } finally {
   await session.close();

@@ -1,4 +1,4 @@
-"""The Debian package: what is in it for both architectures, and a bare Debian that installs, uses and removes it."""
+"""The Debian packages: what is in them, bare Debians 12 and 13 that install, use and remove them, and arm64 under qemu."""
 
 import os
 import re
@@ -21,17 +21,21 @@ MACHINES = {"amd64": 62, "arm64": 183}
 """``e_machine`` of an ELF file (elf.h): EM_X86_64, EM_AARCH64."""
 
 
+PYTHONS = {"bookworm": "3.11", "trixie": "3.13"}
 HOST = subprocess.run(["dpkg", "--print-architecture"], capture_output=True, text=True, check=True).stdout.strip()
+EVERY = [("amd64", "bookworm"), ("arm64", "bookworm"), ("amd64", "trixie")]
+INSTALLED = [(HOST, "bookworm"), (HOST, "trixie")]
 
 
 @pytest.fixture(scope="module")
 def package(request, tmp_path_factory):
-    """A package of one architecture, built as `make deb` builds it by somebody whose files everybody may write: architecture and file."""
-    folder = tmp_path_factory.mktemp(request.param)
-    made = ["tools/deb", built_wheel(folder), request.param, folder]
+    """A package, built as `make deb` builds it by a user whose files everybody may write: architecture, system and file."""
+    folder = tmp_path_factory.mktemp("-".join(request.param))
+    architecture, suite = request.param
+    made = ["tools/deb", built_wheel(folder), architecture, folder, suite]
     done = subprocess.run([*map(str, made)], cwd=CHECKOUT, capture_output=True, text=True, timeout=500, check=False, umask=0)
     assert done.returncode == 0, done.stderr
-    return request.param, Path(done.stdout.strip())
+    return architecture, suite, Path(done.stdout.strip())
 
 
 def fields(file):
@@ -42,37 +46,40 @@ def fields(file):
 def readme_lines():
     """Return what the README says: how this package is installed, what is done with readings from elsewhere, and the same from Python."""
     text = (CHECKOUT / "README.md").read_text(encoding="utf-8")
-    install = re.search(r"`(apt install [^`]+)_amd64\.deb`", text)[1] + f"_{HOST}.deb"
+    install = re.search(r"`(apt install [^`]+)\+deb12_amd64\.deb`", text)[1] + f"+deb*_{HOST}.deb"
     section = text.partition("## Data from elsewhere")[2].partition("## ")[0]
     shell, python = (re.findall(r"(?m)^    (.+)$", part) for part in section.split("The same from Python:"))
     assert all(line.startswith(".venv/bin/stepdiag ") for line in shell)
     return install, [line.removeprefix(".venv/bin/") for line in shell], "\n".join(python)
 
 
-@pytest.mark.parametrize("package", MACHINES, indirect=True)
+@pytest.mark.parametrize("package", EVERY, indirect=True)
 def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
-    """Every library of native code is of the package's architecture; everything is compiled; nothing of the builder's folders is in it."""
-    architecture, file = package
+    """Every library of native code is of the package's architecture and Python; nothing of the builder's folders is in it."""
+    architecture, suite, file = package
+    python = f"python{PYTHONS[suite]}"
     said = fields(file)
     assert (said["Package"], said["Architecture"]) == ("stepdiag", architecture)
-    assert "python3.11" in said["Depends"]
+    assert said["Depends"].startswith(f"{python},")
     subprocess.run(["dpkg-deb", "--extract", file, tmp_path], check=True)
-    packages = tmp_path / "opt/stepdiag/lib/python3.11/site-packages"
+    packages = tmp_path / f"opt/stepdiag/lib/{python}/site-packages"
     native = [path for path in packages.rglob("*.so*") if path.is_file()]
     machines = {struct.unpack("<H", path.read_bytes()[18:20])[0] for path in native}
     assert machines == {MACHINES[architecture]}
     assert {"stepdiag", "numpy", "pymodbus", "mcap"} <= {path.name for path in packages.iterdir()}
-    assert (packages / "stepdiag/daq/service/__pycache__/daemon.cpython-311.pyc").exists()
+    tags = {found[1] for path in native if (found := re.search(r"\.(cpython-3\d+)-", path.name))}
+    assert tags == {python.replace("python", "cpython-").replace(".", "")}
+    assert list(packages.rglob("*.pyc")) == [], "the system's own Python compiles it"
     assert (tmp_path / "opt/stepdiag/share/stepdiag/systemd/stepdiag@.service").exists()
     assert "Apache" in (tmp_path / "usr/share/doc/stepdiag/copyright").read_text(encoding="utf-8")
     texts = [path for folder in ("bin", "share") for path in (tmp_path / "opt/stepdiag" / folder).rglob("*") if path.is_file()]
     assert not [path for path in texts if not path.is_symlink() and str(CHECKOUT).encode() in path.read_bytes()]
 
 
-@pytest.mark.parametrize("package", MACHINES, indirect=True)
+@pytest.mark.parametrize("package", EVERY, indirect=True)
 def test_nobody_but_root_may_write_what_a_package_installs(package):
     """And no lock of who built it is in it; the sums beside it name it."""
-    _, file = package
+    *_, file = package
     listed = subprocess.run(["dpkg-deb", "--contents", file], capture_output=True, text=True, check=True).stdout.splitlines()
     rows = [(mode, owner, path) for mode, owner, _, _, _, path in (line.split(maxsplit=5) for line in listed)]
     assert [row for row in rows if row[0][0] != "l" and (row[0][5], row[0][8]) != ("-", "-")] == [], "writable by others"
@@ -81,14 +88,14 @@ def test_nobody_but_root_may_write_what_a_package_installs(package):
     assert file.name in (file.parent / "SHA256SUMS").read_text()
 
 
-@pytest.mark.parametrize("package", [HOST], indirect=True)
+@pytest.mark.parametrize("package", INSTALLED[:1], indirect=True)
 def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
     """By the README's own lines: installed, from readings to files and report, from Python; Tab completion, the files of a service.
 
     Afterwards nothing is left but what was measured.
     """
-    _, file = package
-    root = debian_root()
+    _, suite, file = package
+    root = debian_root(suite)
 
     def inside(*command, check=True):
         return as_root("chroot", root, *command, check=check)
@@ -127,11 +134,11 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
     assert not (root / "usr/bin/stepdiag").is_symlink()
 
 
-@pytest.mark.parametrize("package", [HOST], indirect=True)
+@pytest.mark.parametrize("package", INSTALLED, indirect=True)
 def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measured(package):
-    """Under a real systemd: installed, upgraded while a recorder runs (refused) and after it, removed, purged."""
-    _, file = package
-    root = debian_root()
+    """Under a real systemd: installed, used, upgraded while a recorder runs (refused) and after it, removed, purged."""
+    _, suite, file = package
+    root = debian_root(suite)
     survey, log = root / "etc/stepdiag/mill.toml", root / "var/lib/private/stepdiag/mill/0001/0001.mcap"
     old = root / "etc/systemd/system/stepdiag@.service"
     for each in (*root.glob("etc/systemd/system/stepdiag*"), *root.glob("etc/systemd/system/*.wants/stepdiag*")):
@@ -139,11 +146,13 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
     as_root("rm", "-rf", root / "opt/stepdiag", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
     as_root("install", "-d", root / "opt")  # a package that is removed takes an empty one with it
     as_root("cp", file, root / "opt/stepdiag.deb")
+    as_root("cp", DATA / "golden_stepdiag_rigidbody_FXYZ.csv", root / "opt/readings.csv")
     try:
         with booted(root, "stepdiag-deb-test") as system:
             install = ("dpkg", "--install", "/opt/stepdiag.deb")
             system.run(*install)
             assert [system.run("id", "-un", name).strip() for name in ACCOUNTS] == list(ACCOUNTS)
+            assert "C0Y" in system.run("stepdiag", "solve", "/opt/readings.csv")
             text = f"{SURVEY}\n[page]\nport = {reserved_port()}\n"  # the usual one may be that of another test's page
             write(survey, text)
             write(old, "a copy of an older version\n")
@@ -173,6 +182,25 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
             assert (log.read_text(), survey.read_text()) == ("measured", text)
     finally:
         as_root("rm", "-rf", root / "opt/stepdiag.deb", root / "etc/stepdiag", root / "var/lib/private/stepdiag")
+
+
+@pytest.mark.parametrize("package", [("arm64", "bookworm")], indirect=True)
+def test_a_package_for_arm64_starts_under_qemu(package, tmp_path):
+    """Its own code on Debian's Python for arm64: every library of native code is loaded, and a survey file written."""
+    root, survey = debian_root("arm64"), tmp_path / "survey.toml"
+    subprocess.run(["dpkg-deb", "--extract", package[2], tmp_path], check=True)
+    packages = tmp_path / "opt/stepdiag/lib/python3.11/site-packages"
+    command = ["qemu-aarch64-static", "-L", root, root / "usr/bin/python3.11"]
+    libraries = "numpy, pyarrow, zstandard, lz4.frame, msgspec, re2, cryptography.hazmat.bindings._rust, lxml.etree, psutil"
+    imports = f"import platform, {libraries}; print(platform.machine())"
+    for arguments, words in ((("-c", imports), "aarch64"), ((tmp_path / "opt/stepdiag/bin/stepdiag", "init", survey), "")):
+        done = subprocess.run(
+            [*map(str, (*command, *arguments))], capture_output=True, text=True, timeout=300, check=False,
+            env=os.environ | {"PYTHONPATH": str(packages), "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert words in done.stdout
+    assert survey.is_file()
 
 
 def test_the_wheel_is_a_tool_of_its_own(tmp_path):

@@ -5,6 +5,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -13,12 +14,14 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.ua_binary import extensionobject_to_binary
 
 from stepdiag.virtual.base.reserved import reserved_port
+from testkit.fleets import FIRST, QUARTER, write_rounds
 from testkit.running.brokers import PATIENCE_S
 from testkit.running.opcua import MACHINE, MODEL, NOW, Serving, prepared, subtyped_values
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 USER, PASSWORD = "mes", "not-to-be-guessed"
+YEAR = timedelta(days=365.25)
 NODE = Path(__file__).parents[1] / "node"
 
 
@@ -103,13 +106,37 @@ def test_results_are_read_by_variable_and_by_method(serving, survey):
 
 def test_a_client_of_another_maker_decodes_a_result_from_its_definition(serving):
     """node-opcua builds its decoders from the definitions that the server offers; asyncua alone would share our mistakes."""
-    done = subprocess.run(["node", "results.mjs", serving.url], cwd=NODE, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    found = by_node(serving)
     assert found["variable"] == found["method"]
     told = found["method"]
     assert (told["type"], told["part"], told["job"]) == ("ResultMetaDataType", MACHINE, "bench")
     assert told["content"] == ["stepdiag-result", "stepdiag-findings"]
+
+
+def by_node(serving):
+    done = subprocess.run(["node", "results.mjs", serving.url], cwd=NODE, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+
+
+def test_the_day_of_leaving_a_tolerance_is_a_prognosis(tmp_path):
+    """OPC 40501-1: 1 µrad a year from 5 is 10 after five years; both clients read the same time."""
+    survey = prepared(tmp_path)
+    write_rounds(survey.parent / "bench", [5.0 + number * (QUARTER / YEAR) for number in range(12)], tolerance=10.0)
+
+    async def work(client, _index, _own, machine, _management):
+        index = await client.get_namespace_index("http://opcfoundation.org/UA/MachineTool/")
+        (found,) = await (await machine.get_child([f"{index}:Notification", f"{index}:Prognoses"])).get_children()
+        parts = [await found.get_child(f"{index}:{name}") for name in ("PredictedTime", "Activity")]
+        return await found.read_type_definition(), *[await each.read_value() for each in parts]
+
+    with Serving(survey, "--plain") as serving:
+        kind, time, activity = asked(serving, work)
+        by_other = by_node(serving)["prognoses"]
+    assert kind.Identifier == 9, "MaintenancePrognosisType"
+    assert abs(time - (FIRST + 5 * YEAR)) < timedelta(days=30)
+    assert activity.Text.startswith("C0Y leaves its tolerance of 10 µrad")
+    assert by_other == {"C0Y": time.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time.microsecond // 1000:03d}Z"}
 
 
 def test_the_definition_of_a_result_is_the_published_one(serving):
@@ -132,9 +159,9 @@ def test_the_meta_data_are_on_the_wire_as_an_extension_object(serving):
         return index, extensionobject_to_binary((await management.call_method(f"{index}:GetLatestResult", NOW))[1])
 
     index, wire = asked(serving, work)
-    node = lambda number: bytes((1, index)) + number.to_bytes(2, "little")  # noqa: E731
+    node = lambda number: bytes((2, index, 0)) + number.to_bytes(4, "little")  # noqa: E731
     assert wire.startswith(node(5008) + b"\1"), "Default Binary of ResultDataType"
-    assert wire[9:].startswith(node(5005) + b"\1"), "Default Binary of ResultMetaDataType, within"
+    assert wire[12:].startswith(node(5005) + b"\1"), "Default Binary of ResultMetaDataType, within"
 
 
 def test_an_unknown_result_is_an_error_and_no_result(serving):

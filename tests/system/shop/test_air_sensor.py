@@ -70,7 +70,7 @@ def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_kille
     with sensed(tmp_path, name, handshake=True, dwell=0.5, n=1) as place:
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, [each for each in json.loads(out)["findings"] if each["severity"] == "error"] or said
-        assert json.loads(out)["air"]["told"] == pytest.approx(
+        assert json.loads(out)["air"]["conditions"] == pytest.approx(
             {**EXPECTED, **({"material_temperature_c": 22.5} if name == "logger" else {})}
         )
         with daemon(place.survey, wait_for=("laser", "machine", "air")) as process:

@@ -33,7 +33,7 @@ def test_a_survey_is_recorded_through_a_killed_daemon_solved_and_replayed_to_the
         seen = json.loads(out)["laser"]
         assert seen["samples"] > 50
         assert seen["garbage"] == 0
-        assert {name: seen["told"].get(name) for name in air} == pytest.approx(air)
+        assert {name: seen["conditions"].get(name) for name in air} == pytest.approx(air)
         drive_one_and_kill(place, told=air)
         drive_and_replay(place, air)
         nothing_silently_wrong(place)

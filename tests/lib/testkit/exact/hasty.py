@@ -5,7 +5,8 @@ moves the axis in -, linear between points, end values held), so that no sign of
 """
 
 import itertools
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -44,6 +45,39 @@ SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ"
 STEPS = 10
 """Increments of the diagonal and the line of a proof run."""
 DONE = ("whole", "twice", "half", "another machine", "old files again", "a switch forgotten")
+_NUMBER = re.compile(r"^(\$(?:AA_ENC_COMP|AN_CEC)\[[^\]]*\]=)(-?\d+\.?\d*)$", re.MULTILINE)
+
+
+def _scaled(text: str, factor: float) -> str:
+    return _NUMBER.sub(lambda found: f"{found[1]}{factor * float(found[2]):.4f}", text)
+
+
+EDITED: Mapping[str, Callable[[str], str]] = {
+    "second system": lambda text: re.sub(r"(ENC_COMP\w*\[)0,", r"\g<1>1,", text),
+    "other numbers": lambda text: re.sub(r"(\$(?:AN|SN)_CEC\w*\[)(\d+)", lambda found: f"{found[1]}{int(found[2]) + 6}", text),
+    "exchanged axes": lambda text: text.replace("AX1", "AX9").replace("AX2", "AX1").replace("AX9", "AX2"),
+    "a tenth": lambda text: _scaled(text, 0.1),
+    "inches": lambda text: _scaled(text, 25.4),
+}
+"""What a hasty person makes of the loading programs before they are run."""
+HELD = {
+    "half weights": ("$SN_CEC_TABLE_WEIGHT[", "0.5"),
+    "no weight": ("$SN_CEC_TABLE_WEIGHT[3]", "0"),
+    "CEC off": ("$SN_CEC_TABLE_ENABLE[", "0"),
+    "an axis off": ("$MA_CEC_ENABLE[AX2]", "0"),
+    "a screw off": ("$MA_ENC_COMP_ENABLE[0,AX3]", "0"),
+    "another start": ("$AA_ENC_COMP_MIN[0,AX1]", "-150.0"),
+}
+"""What is set in the control by hand after loading."""
+LISTED: Mapping[str, Callable[[ControlFile], ControlFile | None]] = {
+    "EEC alone": lambda file: file if "EEC" in file.name else None,
+    "CEC alone": lambda file: file if "CEC" in file.name else None,
+    "nothing": lambda file: None,
+    "inches": lambda file: replace(file, data=_scaled(file.data.decode(), 1 / 25.4).encode()),
+    "sign turned": lambda file: replace(file, data=_scaled(file.data.decode(), -1.0).encode()),
+    "micrometres": lambda file: replace(file, data=_scaled(file.data.decode(), 1000.0).encode()),
+}
+"""What stands in ``machine.existing`` in place of the files that are in the control."""
 ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "travel-not-covered")
 """What a hasty person accepts unread; nothing that asks about the compensation."""
 
@@ -56,9 +90,10 @@ class Story:
     on: str = "none"
     stated: str = "off"
     done: str = "whole"
+    listed: str = "all"
 
     def __str__(self) -> str:
-        return f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}"
+        return f"old tables {self.old}, on {self.on}, stated {self.stated}, loading {self.done}, listed {self.listed}"
 
 
 @dataclass
@@ -150,7 +185,12 @@ class Hall:
 
 
 def stories() -> Iterator[Story]:
-    """Yield everything that a hasty person did: 34 sequences."""
+    """Yield everything that a hasty person did: 63 sequences."""
+    for done, old in itertools.product((*EDITED, *HELD), (False, True)):
+        yield Story(old=old, on="all" if old else "none", stated="on" if old else "off", done=done)
+    for listed in LISTED:
+        yield Story(old=True, on="all", stated="off" if listed == "nothing" else "on", listed=listed)
+    yield Story(old=True, on="none", stated="off", listed="nothing")
     for done in DONE:
         yield Story(old=False, done=done)
         for on, said in itertools.product(("none", "all", "eec", "cec"), ("off", "on")):
@@ -176,6 +216,7 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
     along = hall.readings() if proof else None
     measured, data = hall.survey(), tuple(file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name)
     hall.switch("all")
+    data = tuple(file for each in data if (file := LISTED.get(story.listed, lambda file: file)(each)) is not None)
     profile = replace(base, existing=data, machine=msgspec.structs.replace(base.machine, measured_with=story.stated))
     said = (
         stated("on", {file.name: file.data for file in data}, date(2026, 6, 1), "archive")
@@ -192,11 +233,15 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
     tables = [file for file in files if file.name.endswith(".INI") and "RESTORE" not in file.name]
     if not verify_files(measured, tables, profile).right:
         return "verify", before, before
-    _load(hall, archive if story.done == "old files again" and archive else files, half=story.done == "half")
+    edit = EDITED.get(story.done, str)
+    edited = tuple(replace(file, data=edit(file.data.decode()).encode()) for file in files)
+    _load(hall, archive if story.done == "old files again" and archive else edited, half=story.done == "half")
+    if hall.control.refused:
+        return "loading", before, hall.errs_um()
     if story.done == "twice":
         _load(hall, files)
-    if story.done == "a switch forgotten":
-        hall.control.held["$SN_CEC_TABLE_ENABLE[2]"] = "0"
+    mark, value = HELD.get(story.done, ("$SN_CEC_TABLE_ENABLE[2]" if story.done == "a switch forgotten" else "none", "0"))
+    hall.control.held |= {name: value for name in hall.control.held if name.startswith(mark)}
     if along is not None:
         found = prove(measured, along, hall.readings(), *acting_in(measured, SIEMENS, tables, profile))
         return "" if found.action == "keep" else f"proof run: {found.action}", before, hall.errs_um()

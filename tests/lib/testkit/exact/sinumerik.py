@@ -24,6 +24,11 @@ class Sinumerik:
     stop_after: int | None = None
     """Statements after which somebody presses reset: a loading that ends half way."""
 
+    @property
+    def refused(self) -> bool:
+        """Tell whether the last program ended with nothing written."""
+        return "NOTHING WRITTEN" in self.shown[-1] if self.shown else False
+
     def run(self, text: str) -> None:
         """Run a part program to its end, or to the reset."""
         lines = [line.partition(";")[0].strip() if '"' not in line else line.strip() for line in text.splitlines()]
@@ -37,7 +42,13 @@ class Sinumerik:
             at += 1
             if line in ("M30", "M17"):
                 return
-            if match := _IF.match(line):
+            if line.startswith("IF (ABS("):
+                tests = re.findall(r"\(ABS\((\w+)-\((\S+?)\)\)>(\S+?)\)", line)
+                if all(abs(float(local[name]) - float(less)) > float(most) for name, less, most in tests):
+                    at = lines.index(f"{line.split()[-1]}:") + 1
+            elif match := re.match(r"^(\w+)=\1\+\((\w+)\+1\)\*(\$.+)$", line):
+                local[match[1]] = f"{float(local[match[1]]) + (float(local[match[2]]) + 1) * float(self._value(match[3], local)):.9f}"
+            elif match := _IF.match(line):
                 one, two = (float(self._value(each, local)) for each in (match[1], match[3]))
                 if {"==": one == two, "<>": one != two, "<": one < two}[match[2]]:
                     at = lines.index(f"{match[4]}:") + 1

@@ -29,7 +29,7 @@ from stepdiag.base.volume import (
     linear_stops_mm,
     reads_like_metres,
 )
-from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
+from stepdiag.solver.fourdof.axes import Mount, axis_errors
 from stepdiag.solver.fourdof.commissioning import fit_curve
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
 from stepdiag.solver.fourdof.drift import slow_drift
@@ -172,8 +172,7 @@ def mounts(given):
 
 def _of_mount(mount, given):
     seen = {name: np.array(given[name]) for name in ("position_mm", "straightness_um", "angle_urad")}
-    found = axis_errors(**seen, mount=Mount(**mount["mount"]), line=mount["line"])
-    return {"errors": found, "angles": known_angles(found, 0.4)}
+    return {"errors": axis_errors(**seen, mount=Mount(**mount["mount"]), line=mount["line"])}
 
 
 def commissioning(given):

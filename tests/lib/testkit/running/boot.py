@@ -32,11 +32,11 @@ def write(path, text):
     as_root("install", "-D", "-m", "644", "/dev/stdin", path, text=text)
 
 
-def debian_root():
-    """Return the root file system, made where it is not there yet."""
-    done = subprocess.run(["tools/debian-root"], cwd=CHECKOUT, capture_output=True, text=True, timeout=900, check=False)
+def debian_root(what="bookworm"):
+    """Return the root file system, made where it is not there yet; ``what`` as tools/debian-root takes it."""
+    done = subprocess.run(["tools/debian-root", what], cwd=CHECKOUT, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
-    return ROOT
+    return Path(done.stdout.strip())
 
 
 def install_wheel(root, folder):

@@ -16,7 +16,7 @@ def until_told(place, names, *, since_s=0.0):
     ``since_s`` is when it was started, since 1970: what one that was killed before it left behind counts for ten seconds.
     """
     end = time.monotonic() + 60.0
-    while (live := live_in(place.folder / "hall")) is None or live.time_s < since_s or not set(names) <= set(live.told):
+    while (live := live_in(place.folder / "hall")) is None or live.time_s < since_s or not set(names) <= set(live.conditions):
         assert time.monotonic() < end, live
         time.sleep(0.05)
 

@@ -9,7 +9,8 @@ from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import counts, steps_of
 from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
-from stepdiag.solver.adjustment.hypotheses import families, tell
+from stepdiag.solver.adjustment.evidence import tell
+from stepdiag.solver.adjustment.faults import families
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out

@@ -1,0 +1,177 @@
+"""Theory of operation: what is wrong with a survey, decided by one number.
+
+The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e`` (`solver.model.design`, `solver.model.effects`). An
+explanation is one more pattern h: one stop, one step of the count, the scale of one setup, a product of two axes in one component of the
+machine's errors (and y^2 z in Z, a ram that sags). What the fit leaves of it says all about it (Baarda 1968; V is the covariance of the
+readings with all causes in it, R removes the unknowns x):
+
+    shown = h' V^-1 R y,     seen = h' V^-1 R h,     most likely size = shown / seen,     z^2 = shown^2 / seen
+
+Its size t is not known: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to 2000 times that; each power of two is
+as likely. The Bayes factor against nothing is the mean over these of
+
+    p(y | t) / p(y | 0) = (1 + t^2 seen)^-1/2 exp(1/2 gain(z^2 t^2 seen / (1 + t^2 seen)))
+
+With the noise known, gain(q) = q; it is known from the same residuals, so gain is that of the profile likelihood
+(`solver.linear.components.gained`). The first factor is Occam's: a cause of any size explains less. Sizes are relative to what the
+readings show, so no usual size chooses between two explanations of one pattern: these have one z, and one number. A pass that wanders is
+many patterns of one size, so is growth in time. Odds are the factor times the prior of the kind (`PRIOR`), shared by all of the kind:
+
+    odds_k = prior_k / (number of its kind) * Bayes factor_k,     p_k = odds_k / (1 + sum of all odds)
+
+`ODDS` = 20 decides all. Where the best stop, step or pass has twenty times the odds of nothing, it is named if it has twenty times those
+of every other, and is left out (`solver.adjustment.faults`); then the next is looked for. What stays probable beside the repaired survey is
+the mixture that makes the result (`solver.adjustment.explanations`).
+
+What it costs: products of the patterns with the inverse that is there, no further fit for any that is not accepted.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.volume import Vector
+from stepdiag.solver.linear.components import gained
+from stepdiag.solver.linear.mixed import MixedFit
+
+ODDS = 20.0
+"""Twenty to one is strong evidence (Kass and Raftery 1995)."""
+STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = "stop", "step", "walk", "scale", "product", "growth", "sign of an angle"
+PRIOR = {SCALE: 0.1, PRODUCT: 0.1, GROWN: 0.5, STOP: 0.3, STEP: 0.3, WALK: 0.1, TURNED: 0.1}
+"""How likely it is that a survey has one of a kind, whichever: every second survey begins on a machine that is not warm; a wavelength, an
+air or a target of its own for one setup is rarer, as is a machine of which products are as large as its functions; shops repeat a pass in
+one survey of three; of the files of a head one in ten has the other sign."""
+GROWING = 4.0 ** np.arange(12)
+"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the uncertainty."""
+HIDDEN = 1e-6
+"""A pattern of which the fit leaves less than this share is not separated from what is unknown already."""
+DECIMALS = 6
+"""Beyond these, which of two explanations has more evidence is chance."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would be seen if nothing were unknown, and
+    by how much the unknowns fall for one unit of each, ``moved`` (count, c)."""
+
+    shown: Vector
+    seen: Vector
+    whole: Vector
+    moved: Vector
+
+
+def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
+    """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
+    weighted = fit.weight[rows, None] * pattern
+    on_all = np.zeros((len(fit.weight), pattern.shape[1]))
+    on_all[rows] = weighted
+    right = fit.fixed.packed.transposed_times(on_all)
+    taken = fit.inverse.solve(right)
+    on_causes = fit.causes.left[rows].T @ pattern
+    mixed = fit.root @ on_causes
+    seen = pattern.T @ weighted - right.T @ taken - mixed.T @ mixed
+    return Response(
+        shown=weighted.T @ fit.residual[rows],
+        seen=0.5 * (seen + seen.T),
+        whole=np.sum(weighted * pattern, axis=0),
+        moved=taken - fit.causes.taken @ (fit.amount_covariance @ on_causes),
+    )
+
+
+class Evidence(NamedTuple):
+    """``log_odds`` (c,): logarithm of the odds; ``square`` (c,): the expected square of the size where the explanation is true."""
+
+    log_odds: Vector
+    square: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Family:
+    """Explanations of one kind by one pattern each: c patterns on ``rows`` (k,), ``pattern`` gives those of some places, shape (k, p).
+
+    ``shown`` and ``seen`` (c,) as in `Response`, ``seen`` 0 where the fit does not tell a pattern from its unknowns. ``named`` (c,) are the
+    readings, the setup or the product that each is named after; ``most``: no size exceeds it.
+    """
+
+    kind: str
+    rows: NDArray[np.int64]
+    named: NDArray[np.int64]
+    shown: Vector
+    seen: Vector
+    pattern: Callable[[NDArray[np.int64]], Vector]
+    most: float = np.inf
+
+    @property
+    def size(self) -> Vector:
+        """Return how large each is by itself, shape (c,); 0 where it is not seen."""
+        found: Vector = np.where(self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0)
+        return found
+
+    def weighed(self, fit: MixedFit, many: int) -> Evidence:
+        """Return the evidence for each, one of ``many`` of its kind."""
+        found = evidence_of(fit, self.shown, self.seen, self.most)
+        return Evidence(found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2))
+
+
+def log_prior(kind: str, many: int) -> float:
+    """Return the logarithm of the odds of one of ``many`` explanations of a kind before any reading."""
+    return float(np.log(PRIOR[kind] / max(many, 1)))
+
+
+def visible(seen: Vector, whole: Vector) -> Vector:
+    """Return what is seen of patterns, 0 where it is nothing beside the ``whole``, shapes (c,)."""
+    return np.where(seen > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny), seen, 0.0)
+
+
+def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
+    """Return the evidence against nothing of explanations of one pattern each, by what a fit shows and sees of it, shapes (c,).
+
+    What the readings do not see has no evidence, and no size; no size exceeds ``most``.
+    """
+    some = seen > 0
+    safe = np.where(some, seen, 1.0)
+    best = shown**2 / safe
+    share = (GROWING / (1.0 + GROWING))[:, None]
+    likely = 0.5 * (gained(fit, fit.chi_square - best * share) - np.log1p(GROWING)[:, None])
+    log_odds, weight = _mean(np.where(GROWING[:, None] <= most**2 * safe, likely, -np.inf))
+    # given each width the size is normal about its most likely value, both drawn towards nothing
+    square = np.sum(weight * (best * share**2 + share), axis=0) / safe
+    return Evidence(np.where(some, log_odds, -np.inf), np.where(some, square, 0.0))
+
+
+def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
+    """Return the evidence (logarithm) of one explanation of many independent patterns of one size, shapes (k,)."""
+    if not len(seen):
+        return -np.inf
+    grown = GROWING[:, None] / np.max(seen) * seen
+    left = fit.chi_square - np.sum(shown**2 / seen * grown / (1.0 + grown), axis=1)
+    return float(_mean(0.5 * (gained(fit, left) - np.sum(np.log1p(grown), axis=1))[:, None])[0].item())
+
+
+def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
+    """Return what is shown and seen of patterns in independent directions, those that the fit sees, shapes (k,)."""
+    value, turn = np.linalg.eigh(seen)
+    clear = value > HIDDEN * max(float(value[-1]), np.finfo(np.float64).tiny)
+    return turn.T[clear] @ shown, value[clear]
+
+
+def standing_out(freedom: int, prior: float, most: float) -> float:
+    """Return at how many standard uncertainties one pattern has `ODDS` of being more than chance, ``most`` at most.
+
+    With few degrees of freedom it is most of the square sum by which the noise is known. ``prior`` is a logarithm.
+    """
+    size = np.linspace(1.0, most, 10 * int(most))
+    left = 1.0 - size**2 / (freedom + size**2) * (GROWING / (1.0 + GROWING))[:, None]
+    odds, _ = _mean(-0.5 * (freedom * np.log(left) + np.log1p(GROWING)[:, None]))
+    return float(np.interp(np.log(ODDS), odds + prior, size))
+
+
+def _mean(likely: Vector) -> tuple[Vector, Vector]:
+    """Return the logarithm of the mean over the sizes (rows), and the share of each in it."""
+    most = np.max(likely, axis=0)
+    weight = np.exp(likely - most)
+    total = np.sum(weight, axis=0)
+    return most + np.log(total / len(likely)), weight / total

@@ -1,0 +1,235 @@
+"""What contradicts the rest of a survey, a stop, a step or a pass: found, and left out where the readings themselves say what it was.
+
+One pass of each diagonal checks every stop once or not at all, and two passes may share that one check: then the residuals alone
+cannot tell which of them is wrong. The smoothness of the machine that an explanation leaves is part of its odds
+(`solver.adjustment.evidence`). Where they do not decide, every explanation is left open as widely as the contradiction is large, all are
+named, and nobody may compensate a machine by such a survey.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.messages import Words
+from stepdiag.base.volume import Vector, Volume
+from stepdiag.solver.adjustment.counts import Count, from_each_on, steps_of
+from stepdiag.solver.adjustment.evidence import (
+    DECIMALS,
+    ODDS,
+    STEP,
+    STOP,
+    WALK,
+    Family,
+    directions,
+    evidence_of_many,
+    log_prior,
+    tell,
+    visible,
+)
+from stepdiag.solver.adjustment.smoothness import roughness
+from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.model.design import Columns
+from stepdiag.solver.model.effects import Effect
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.noise import CHECKED
+from stepdiag.solver.model.quantities import lattice_field_um, quantities
+
+EFFECTS = {STEP: "found step", WALK: "wandering pass"}
+"""Effects of the adjustment by which a fault is left open."""
+LEAST_UM = 0.5
+"""What is smaller is no wrong stop or step however small the noise: the machine repeats to about that."""
+MOST_WEIGHED = 200
+FREE_UM = 1e3
+"""Of a size of which nothing is known beforehand."""
+MOST = 0.05
+"""With more contradictions than this share of the stops, single stops are not the trouble."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fault:
+    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), how large it is and the reading that it is named after.
+
+    ``odds``: logarithm of how much more probable it is than nothing, of which ``prior`` is there before any reading and ``smoother`` is by
+    the machine's smoothness. ``without`` (count,): the unknowns if it is true.
+    """
+
+    kind: str
+    named: int
+    rows: NDArray[np.int64]
+    pattern: Vector
+    size: float
+    prior: float
+    odds: float
+    without: Vector
+    smoother: float = 0.0
+
+    def on(self, count: int) -> Vector:
+        """Return the pattern on all readings, shape (count, r)."""
+        whole = np.zeros((count, self.pattern.shape[1]))
+        whole[self.rows] = self.pattern
+        return whole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Suspicion:
+    """A contradiction: the faults that stay probable, the best first, one where it has `ODDS` times the odds of the next.
+
+    ``apart_um``: by how much the machines differ over the volume that they make of the readings (rms, the furthest from the best).
+    """
+
+    faults: Sequence[Fault]
+    apart_um: float = 0.0
+
+    @property
+    def best(self) -> Fault:
+        """Return the most probable fault."""
+        return self.faults[0]
+
+    @property
+    def decided(self) -> bool:
+        """Tell whether the readings say what it was."""
+        return len(self.faults) == 1
+
+
+def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> Suspicion | None:
+    """Return the worst contradiction among the readings, None where nothing explains them `ODDS` times better than chance."""
+    # the misses of the machine take most of what checks a reading: in a small survey no reading alone is checked, and all together are
+    if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
+        return None
+    found = sorted([*_singles(fit, columns, every), *walks(fit, every)], key=lambda one: -round(one.odds, DECIMALS))
+    if not found or found[0].odds <= np.log(ODDS):
+        return None
+    kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
+    # how a pass wanders, or at which of its stops, is one explanation: it is that pass
+    if kept[0].kind == WALK:
+        kept = [kept[0], *(one for one in kept[1:] if not np.array_equal(one.rows, kept[0].rows))]
+    return Suspicion(faults=kept)
+
+
+def families(fit: MixedFit, every: Sequence[Count]) -> Iterator[Family]:
+    """Return the wrong stops and the steps of ``every`` count of the readings that are used."""
+    for count in every:
+        yield from _on_count(fit, count)
+
+
+def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
+    rows, number = count.rows, len(count.rows)
+    weight = fit.weight[rows]
+    shown = weight * fit.residual[rows]
+    mixed = fit.taken_over[rows]
+    yield Family(
+        kind=STOP,
+        rows=rows,
+        named=rows,
+        shown=shown,
+        seen=visible(count.stop - np.sum(mixed**2, axis=1), weight),
+        pattern=lambda places: (np.arange(number)[:, None] == places).astype(np.float64),
+    )
+    # a step before the second reading or the last is a wrong first or last one
+    inner = slice(2, -1)
+    yield Family(
+        kind=STEP,
+        rows=rows,
+        named=rows[inner],
+        shown=from_each_on(shown)[inner],
+        seen=visible(count.step - np.sum(from_each_on(mixed) ** 2, axis=1), from_each_on(weight))[inner],
+        pattern=lambda places: steps_of(number, places + 2),
+    )
+
+
+def number_of(every: Sequence[Family], kind: str) -> int:
+    """Return how many explanations of a kind there are."""
+    return sum(len(one.named) for one in every if one.kind == kind)
+
+
+def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fault]:
+    """Return the stops and steps that have any evidence, at most `MOST_WEIGHED`, with what the smoothness of the machine says for them."""
+    all_of, ranked = list(families(fit, every)), []
+    prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP)}
+    for family in all_of:
+        odds, size = family.weighed(fit, number_of(all_of, family.kind)).log_odds, family.size
+        places = np.flatnonzero((odds > -np.log(ODDS)) & (np.abs(size) >= LEAST_UM))
+        ranked += [(float(odds[place]), family, place, float(size[place])) for place in places]
+    # those that explain as much stand in the order of the readings, not in that of rounding
+    ranked.sort(key=lambda one: -round(one[0], DECIMALS))
+    del ranked[MOST_WEIGHED:]
+    if not ranked:
+        return []
+    on_all = np.zeros((len(fit.weight), len(ranked)))
+    for column, (_, family, place, _) in enumerate(ranked):
+        on_all[family.rows, column] = family.pattern(np.array([place]))[:, 0]
+    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * tell(fit, np.arange(len(on_all)), on_all).moved
+    rough = roughness(columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance())
+    return [
+        Fault(
+            kind=family.kind,
+            named=int(family.named[place]),
+            rows=family.rows,
+            pattern=on_all[family.rows, column, None],
+            size=size,
+            prior=prior[family.kind],
+            odds=odds + smoother,
+            without=without[:, column],
+            smoother=smoother,
+        )
+        for column, ((odds, family, place, size), smoother) in enumerate(zip(ranked, (0.5 * (rough[0] - rough[1:])).tolist(), strict=True))
+    ]
+
+
+def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
+    """Return for each count that its pass wanders: all its steps at once, as a random walk beside what every pass does."""
+    found, prior = [], log_prior(WALK, len(every))
+    for count in every:
+        mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
+        shown, seen = directions(count.walked - mixed.T @ mixed, count.walk.T @ (fit.weight[count.rows] * fit.residual[count.rows]))
+        square = max(float(np.sum(shown**2 / seen)) - len(seen), 1.0) / float(np.sum(seen)) if len(seen) else 0.0
+        found.append(
+            Fault(
+                kind=WALK,
+                named=int(count.rows[0]),
+                rows=count.rows,
+                pattern=count.walk,
+                size=float(np.sqrt(square)),
+                prior=prior,
+                odds=prior + evidence_of_many(fit, shown, seen),
+                without=fit.unknowns,
+            )
+        )
+    return found
+
+
+def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: str) -> Suspicion:
+    """Return a suspicion with how far its explanations are apart."""
+    if suspicion.decided:
+        return suspicion
+    wanted = quantities(columns, volume)
+    off = wanted.combination.times(np.array([one.without - suspicion.best.without for one in suspicion.faults[1:]]).T)
+    field = lattice_field_um(wanted, volume, chain)
+    square = np.sum((field @ off) ** 2, axis=(0, 1)) / len(field)
+    return replace(suspicion, apart_um=float(np.sqrt(np.max(square))))
+
+
+def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
+    """Return the weights without the one wrong stop, or with every possible one as uncertain as the contradiction is large."""
+    lowered = weight.copy()
+    for one in suspicion.faults:
+        if one.kind == STOP:
+            lowered[one.named] = 0.0 if suspicion.decided else 1.0 / (1.0 / weight[one.named] + one.size**2)
+    return lowered
+
+
+def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
+    """Return what the adjustment leaves open from now on: a decided step entirely, a possible one, and a walk, by its size."""
+    free = suspicion.decided and suspicion.best.kind == STEP
+    return [
+        Effect(name=EFFECTS[one.kind], text=text, pattern_um=(FREE_UM if free else one.size) * one.on(len(layout)))
+        for one in suspicion.faults
+        if one.kind != STOP
+    ]
+
+
+def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
+    """Return the best explanation as an effect of its size."""
+    return Effect(name="suspicion", text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout)))

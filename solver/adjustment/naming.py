@@ -1,0 +1,102 @@
+"""The findings on what is wrong with a survey: one cause by name, or all that stay probable."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Argument, Message, Place, message
+from stepdiag.base.readings.readings import PassKey
+from stepdiag.base.result.field import PRODUCTS
+from stepdiag.solver.adjustment.evidence import PRODUCT, STOP, WALK
+from stepdiag.solver.adjustment.explanations import Explained
+from stepdiag.solver.adjustment.faults import Fault, Suspicion
+from stepdiag.solver.model.layout import Layout
+
+APART_UM = 0.5
+"""Explanations whose machines differ by less over the volume (rms) may be left open: whatever is true, the result hardly moves."""
+
+
+def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
+    """Return the finding that names what was found."""
+    every = suspicion.faults
+    kinds, among = {one.kind for one in every}, _passes_of(layout, every)
+    if kinds == {WALK}:
+        return _name_walks(layout, every)
+    if suspicion.decided:
+        return _name_decided(layout, suspicion.best)
+    suspects = [_suspect(layout, one) for one in every]
+    if kinds != {STOP}:
+        return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
+    if suspicion.apart_um > APART_UM:
+        return finding("error", message("contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
+    return finding("warning", message("contradiction-ambiguous.stop", suspects=suspects))
+
+
+def name_excess(count: int) -> Finding:
+    """Return the finding for more contradictions than single wrong stops explain."""
+    return finding("error", message("too-many-outliers", count=count))
+
+
+def name_explained(layout: Layout, found: Explained) -> list[Finding]:
+    """Return the finding on what is beside the model and has a name."""
+    products = [suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT]
+    if products:
+        return [finding("warning", message("machine-beside-model", suspects=products))]
+    scales = [(layout.setups[found.named[at]].name, float(found.size[at])) for at in found.names]
+    return [finding("warning", message("setup-scale-off", setup=name, scale_um_m=size)) for name, size in scales]
+
+
+def suspect(layout: Layout, found: Explained, at: int) -> Message:
+    """Return the words for one explanation of several beside the model."""
+    size = float(found.size[at])
+    if found.kinds[at] == PRODUCT:
+        return message("suspect-product", product=tuple(PRODUCTS)[found.named[at]], size_um=size)
+    return message("suspect-scale", setup=layout.setups[found.named[at]].name, scale_um_m=size)
+
+
+def _name_decided(layout: Layout, one: Fault) -> Finding:
+    key = layout.passes[int(layout.pass_index[one.named])]
+    place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
+    words = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
+    return finding("warning", words, place, size_um=one.size)
+
+
+def _suspect(layout: Layout, one: Fault) -> Message:
+    if one.kind == WALK:
+        return message("suspect-pass", **_of_walk(layout, one))
+    return message("suspect-stop" if one.kind == STOP else "suspect-step", place=layout.place(one.named), size_um=one.size)
+
+
+def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
+    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else the survey is not to be used."""
+    among = _passes_of(layout, walks)
+    if len(walks) > 1:
+        return finding("error", message("pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]), among=among)
+    setup = layout.setups[int(layout.setup_index[walks[0].named])].name
+    about = _of_walk(layout, walks[0])
+    if _driven_again(layout, walks[0].rows):
+        return finding("warning", message("pass-wanders.driven-again", setup=setup, **about))
+    return finding("error", message("pass-wanders", setup=setup, **about), among=among)
+
+
+def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
+    """Return the passes that faults are about: of a walk all on its count."""
+    rows = np.concatenate([one.rows if one.kind == WALK else [one.named] for one in every])
+    named = {layout.passes[int(number)] for number in layout.pass_index[rows]}
+    return tuple(key.place for key in layout.passes if key in named)
+
+
+def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
+    """Return the arguments of a pass that wanders."""
+    first, last = (int(layout.stop[walk.rows[place]]) for place in (0, -1))
+    passes = [layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[walk.rows])]
+    return {"passes": passes, "first": first, "last": last, "size_um": walk.size * float(np.sqrt(len(walk.rows) - 1))}
+
+
+def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
+    """Tell whether the setup has another pass in the same direction on another count."""
+    mine: set[PassKey] = {layout.passes[int(number)] for number in layout.pass_index[rows]}
+    others = [key for key in layout.passes if key not in mine]
+    return all(any(key.setup == other.setup and key.outward == other.outward for other in others) for key in mine)

@@ -1,0 +1,168 @@
+"""A quantity of a machine over time, and which of its surveys are held against one another."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.messages import Message, message
+from stepdiag.comparing.alike import Standing, apart, same_volume
+from stepdiag.fleet.rows import LARGEST, RMS
+
+Array = NDArray[np.float64]
+EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
+"""No survey of this kind is older: a clock that was never set says 1970 or 1980."""
+AHEAD = timedelta(days=2)
+"""A clock may be in another time zone and slow; a survey from later than this is dated wrongly."""
+OF_VOLUME = (RMS, LARGEST)
+"""Quantities that mean something else in another volume."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """One survey; ``active`` are the hashes of the tables that were loaded, ``standing`` decides with what it is held against others."""
+
+    time: datetime
+    name: str
+    event: str = ""
+    active: tuple[str, ...] = ()
+    software: str = ""
+    standing: Standing = field(default_factory=Standing)
+
+
+class Point(NamedTuple):
+    """One quantity in one survey as a person reads it; ``u`` is None where none is stated, ``low`` and ``high`` NaN where it is even."""
+
+    survey: Survey
+    value: float
+    u: float | None
+    low: float
+    high: float
+
+    @property
+    def time(self) -> datetime:
+        """Return when the survey ended."""
+        return self.survey.time
+
+    def interval(self) -> tuple[float, float]:
+        """Return the magnitudes between which the figure lies at k = 2; the figure itself twice where no uncertainty is stated."""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return self.low, self.high
+        expanded = 2 * (self.u or 0.0)
+        return abs(self.value) - expanded, abs(self.value) + expanded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes (surveys, nodes), NaN for what is not stated.
+
+    ``common`` is the share of u that surveys by the same instruments have in common, ``shown`` what a person reads: value, u, low, high.
+    ``other`` is why these surveys stand beside the others of the machine, None for those that are held against one another.
+    """
+
+    machine: str
+    quantity: str
+    unit: str
+    surveys: tuple[Survey, ...]
+    nodes_mm: Array
+    values: Array
+    u: Array
+    common: Array
+    shown: Array
+    other: Message | None = None
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Return the figures as a person reads them."""
+        return tuple(map(self.point, range(len(self.surveys))))
+
+    def point(self, number: int) -> Point:
+        """Return one figure as a person reads it."""
+        value, u, low, high = self.shown[number].tolist()
+        return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """A survey that no series holds, and why."""
+
+    machine: str
+    name: str
+    why: Message
+    damaged: bool = False
+
+
+def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
+    """Return the hashes of the active tables and what the result says of itself; nothing for what is not there or of another type."""
+    try:
+        stated = json.loads(conditions)
+        active = stated.get("active", [])
+    except (ValueError, AttributeError, RecursionError):
+        return (), Standing()
+    usual = Standing()
+    known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
+    if len(known["volume_mm"]) != 6 or not all(isinstance(each, int | float) for each in known["volume_mm"]):
+        known["volume_mm"] = ()
+    return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
+
+
+def _typed(value: Any, usual: Any) -> Any:
+    """Return a value where it is of the type of the usual one; a list becomes a tuple."""
+    if isinstance(usual, tuple):
+        return tuple(value) if isinstance(value, list) and all(isinstance(each, int | float | str) for each in value) else usual
+    return value if type(value) is type(usual) else usual
+
+
+Groups = list[tuple[dict[int, Survey], Message | None]]
+
+
+def parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
+    """Return the surveys that are held against one another, the newest's first, and those that are left out."""
+    kept: dict[int, Survey] = {}
+    left_out = []
+    for key, each in surveys.items():
+        why = _doubt(each, now)
+        if why is None:
+            kept[key] = each
+        else:
+            left_out.append(LeftOut(machine=machine, name=each.name, why=why))
+    groups: Groups = []
+    while kept:
+        newest = next(reversed(kept.values()))
+        alike = {key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None}
+        main = next(iter(groups[0][0].values())).standing if groups else None
+        groups.append((alike, None if main is None else apart(main, newest.standing)))
+        kept = {key: each for key, each in kept.items() if key not in alike}
+    return groups, left_out
+
+
+def _doubt(survey: Survey, now: datetime) -> Message | None:
+    if survey.standing.errors:
+        return message("left-out-errors", codes=survey.standing.errors)
+    if survey.standing.undated or not EARLIEST <= survey.time <= now + AHEAD:
+        return message("left-out-clock", day=survey.time.date().isoformat())
+    return None
+
+
+def by_volume(series: Series) -> Iterator[Series]:
+    """Yield a figure of the volume over each volume by itself, the newest's first."""
+    left = list(range(len(series.surveys)))
+    newest = series.surveys[-1].standing
+    while left:
+        last = series.surveys[left[-1]].standing
+        alike = [number for number in left if _volume_alike(series.surveys[number].standing, last)]
+        other = series.other if last is newest else message("differs-volume")
+        yield series if len(alike) == len(series.surveys) else replace(
+            series, surveys=tuple(series.surveys[number] for number in alike), values=series.values[alike], u=series.u[alike],
+            common=series.common[alike], shown=series.shown[alike], other=other,
+        )  # fmt: skip
+        left = [number for number in left if number not in alike]
+
+
+def _volume_alike(one: Standing, other: Standing) -> bool:
+    return not one.volume_mm or not other.volume_mm or same_volume(one, other)
