@@ -270,7 +270,7 @@ class _Task:
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
         # a function that is no larger than the expanded uncertainty of both its ends has no sign that is known
         large = [name for name in right if np.ptp(self.angles[name].value_urad) > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)]
-        if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}, BETTER):
+        if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}):
             self.findings += [finding("info", message("straightness-unchecked.angles", names=unseen))]
         return current
 

@@ -24,7 +24,7 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
 
     ``turned`` holds for each function by what its other sign changes the target of the fit, shape (rows,); the sizes of all causes stay.
     """
-    better = 2.0 * (np.log(ODDS) - log_prior(TURNED, 1))
+    better = _better()
     names = [name for name in turned if _square(current, turned[name]) > better]
     target = current.fixed.target
     while names:
@@ -41,9 +41,14 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > better]
 
 
-def unseen_signs(current: MixedFit, turned: Mapping[str, Vector], better: float) -> list[str]:
+def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     """Return the functions whose other sign changes nothing by which the readings would tell it, ``turned`` as in `wrong_signs`."""
-    return [name for name, change in turned.items() if _square(current, change) <= better]
+    return [name for name, change in turned.items() if _square(current, change) <= _better()]
+
+
+def _better() -> float:
+    """Return by how much twice the log likelihood has to rise for the other sign to be named."""
+    return 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
 
 
 def _square(current: MixedFit, target: Vector) -> float:
