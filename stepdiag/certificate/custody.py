@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 
 from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.base.files import as_text, read_bytes, read_hashed, read_text
+from stepdiag.base.files import as_text, read_bytes, read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Source
 from stepdiag.base.result.result import Result, parse_result, same_result
@@ -110,7 +110,7 @@ def _sources(result: Result) -> list[Link]:
 
 
 def _read(path: Path) -> Result:
-    return parse_result(read_hashed(path), path.name)
+    return parse_result(read_text(path), path.name)
 
 
 def accepted_in(folder: Path) -> list[str]:

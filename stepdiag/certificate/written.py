@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.base.files import read_bytes, read_hashed, write_together
+from stepdiag.base.files import read_bytes, read_text, write_together
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.certificate.archival import archival
 from stepdiag.certificate.custody import LETTERHEAD, PROFILE, REPORT, accepted_in, links_of
@@ -52,4 +52,4 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
 
 
 def _read(path: Path) -> Result:
-    return parse_result(read_hashed(path), path.name)
+    return parse_result(read_text(path), path.name)
