@@ -28,5 +28,8 @@ def test_no_return_and_no_argument_holds_a_condition_within_a_condition() -> Non
 
 
 def test_the_search_finds_one() -> None:
-    source = "def f(a):\n    return 1 if a else 2 if a is None else 3\ng(1 if a else 2 if b else 3)\ng(1 if a else 2)\nc = 1 if a else 2 if b else 3\n"
+    source = (
+        "def f(a):\n    return 1 if a else 2 if a is None else 3\n"
+        "g(1 if a else 2 if b else 3)\ng(1 if a else 2)\nc = 1 if a else 2 if b else 3\n"
+    )
     assert list(nested_conditionals(ast.parse(source))) == [2, 3]
