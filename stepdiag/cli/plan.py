@@ -86,7 +86,8 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
     changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
     setups = [run.setup for run in chosen.plan.runs]
-    print_words(message("plan-applied", name=str(file), setups=setups, repeats=section.repeats, increments=finer), err=True)
+    figures = {"repeats": section.repeats, "increments": finer}
+    print_words(message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s), err=True)
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
