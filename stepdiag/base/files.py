@@ -111,7 +111,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 
 def holds(path: Path, data: bytes) -> bool:
-    """Tell whether a file with these very bytes stands there."""
+    """Return whether a file with these very bytes stands there."""
     return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
 
 

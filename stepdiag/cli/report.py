@@ -128,7 +128,7 @@ def compare(
     language: Annotated[str, typer.Option(autocompletion=languages)] = "en",
     as_json: AsJson = False,
 ) -> None:
-    """Say what changed between results of one machine."""
+    """Print the changes between results of a machine."""
     from stepdiag.base.result.typed import written
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
@@ -204,7 +204,7 @@ def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
 
 
 def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
-    """Say predicted against measured, and what follows."""
+    """Print predicted against measured, and the conclusion."""
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 

@@ -232,7 +232,9 @@ def _conditions(replayed: Replayed, environment: Mapping[str, float], unmeasured
 
 
 def head_of_logs(replayed: Replayed) -> HeadMeasured:
-    """Return what the runs of the 4-DOF head in replayed logs say, whether the other setups are there or not."""
+    """Return the results of the 4-DOF head's runs in replayed logs, with or without the other
+    setups.
+    """
     return evaluate_head(replayed.survey, replayed.book.passes, replayed.files, _angles(replayed) or {})
 
 

@@ -1,4 +1,6 @@
-"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified where nobody measured."""
+"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified at
+unmeasured points.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -53,7 +55,7 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the truth lies inside; never where the result does not say how sure it is."""
+        """Whether the truth lies inside; never without a stated uncertainty of the result."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
 

@@ -99,7 +99,9 @@ def put_table(store: Store, place: Place, files: Mapping[str, str], table: bytes
 
 
 def _content_of(log: bytes) -> str:
-    """Return the digest of what a log says: another computer's zstd packs the same log to other bytes."""
+    """Return the digest of a log's records: another computer's zstd packs the same log to other
+    bytes.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "there.mcap"
         file.write_bytes(log)
@@ -139,7 +141,9 @@ def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
 
 
 def _name_of(logs: Sequence[Path]) -> str:
-    """Return the name of a survey: from all that its logs say, however they are packed. Raises DataError for a damaged log."""
+    """Return the name of a survey: from all records of its logs, packed or not. Raises DataError
+    for a damaged log.
+    """
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
         if not each:

@@ -35,15 +35,15 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
-        """Return these with others that are meant for every machine, whatever the file says."""
+        """Return these with others that are meant for every machine, beside the file."""
         own = {name: {quantity: value for quantity, value in of.items() if quantity not in given} for name, of in self.machine.items()}
         return Tolerances(all={**self.all, **given}, machine=own)
 
 
 def tolerances_in(store: Store) -> Tolerances:
-    """Return what the store's file says, nothing where there is none. Raises UsageError for a file that is wrong.
-
-    DataError where a hash stands beside it (``sha256sum tolerances.toml > tolerances.toml.sha256``) that is another one.
+    """Return the contents of the store's file, empty without a file. Raises UsageError for a file
+    that is wrong. Raises DataError for another hash beside it
+    (``sha256sum tolerances.toml > tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()

@@ -58,7 +58,7 @@ class Daemon(Protocol):
         """Have pictures shown from now on, or no more."""
 
     async def picture(self) -> Picture:
-        """Return the present state. Raises DeviceError where the daemon does not say it."""
+        """Return the present state. Raises DeviceError for a silent daemon."""
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
         """Have an order done; return the reason of a refusal, empty after success. Raises
@@ -66,7 +66,7 @@ class Daemon(Protocol):
         """
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Say that an address has sent so many wrong tokens."""
+        """Report that an address has sent so many wrong tokens."""
 
     def say_fault(self, why: object) -> None:
         """Report a fault of this program."""
@@ -226,7 +226,7 @@ def _packed(found: Download) -> Response:
     try:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        # where the service keeps its files is nobody's business
+        # the places of the service's files stay private
         named = message("refusal", where=found.path.name, expected=why.expected, found=why.found)
         return refused(409, named)
     except OSError as why:  # moved away, or its disk is, while it was packed

@@ -90,7 +90,7 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
             place.setups = place.setups[1:]
             place.start_setups()
             # the stops about the kill wait for a person's word: nothing is exported by itself
-            system.until(UNIT, lambda unit: "somebody who accepts it" in unit.get("StatusText", ""))
+            system.until(UNIT, lambda unit: "for a person to accept" in unit.get("StatusText", ""))
             # which stops is said once the readings are written
             system.until(UNIT, lambda _: any(said["event"] == "survey-open" for said in system.journal(UNIT)))
             assert not [said for said in system.journal(UNIT) if said["event"] == "survey-complete"]
