@@ -1,7 +1,6 @@
 """``stepdiag plan``: what a survey will be able to say and how long it takes, before the machine moves; and what is worth adding."""
 
 import json
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -162,11 +161,10 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
 
     Nothing of a plan without diagonals: there it is not worked out.
     """
-    unseen, volume_um = ahead.unseen, ahead.unseen_volume_um
-    if unseen is None or volume_um is None:
+    unseen = ahead.unseen
+    if unseen is None:
         return {}
-    sizes = {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": volume_um}
-    return {name: size if isfinite(size) else None for name, size in sizes.items()}
+    return {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": unseen.volume_um}
 
 
 def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:
