@@ -78,7 +78,8 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
 
 
 def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()) -> Replayed:
-    """Return what the logs of one survey say, in the order given; ``survey_file`` stands for the one in the logs where that cannot be used.
+    """Return the contents of the logs of a survey, in the order given; ``survey_file`` stands for
+    the one in the logs where that cannot be used.
 
     ``suspicions`` as `PassBook.foretell` takes them.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def main() -> None:
-    """Run the daemon, or whatever else the command line asks for.
+    """Run the daemon, or any other command of the command line.
 
     The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven times the work, and more beside a busy
     neighbour; and sums in one order are the same on every computer.

@@ -99,8 +99,9 @@ class Reconnector:
 
 
 def raise_if_cancelled() -> None:
-    """End here where this task was cancelled while an answer came: before Python 3.12 `asyncio.wait_for`, in which the client
-    waits, then returns the answer and forgets the order, and the daemon would never stop.
+    """End here if this task was cancelled while an answer came: before Python 3.12
+    `asyncio.wait_for`, in which the client waits, then returns the answer and loses the order, and
+    the daemon would never stop.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():

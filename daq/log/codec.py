@@ -6,7 +6,7 @@ Measured on noisy lines at 1 kHz with one chunk a line: 16 bytes a sample with a
 binary schema saves 0.2 and is not readable. So the bytes of a chunk stand as a text, each byte as
 the character of its number (ISO 8859-1), which loses nothing.
 
-Every event of a log has a number, its place in the order of consumption. A batch tells the numbers
+Every event of a log has a number, its place in the order of consumption. A batch holds the numbers
 of its events as runs: ``order`` is the number of the first, then by turns ``skip`` numbers of other
 channels and ``run`` events of this channel.
 """
@@ -30,7 +30,7 @@ MOST_RANGES = 200
 """Ranges of one poll: there are not so many signals."""
 MOST_EVENTS = 100_000
 """Events of one message, which is written several times a second."""
-"""The year 2262: no clock of ours says more."""
+"""The year 2262: no clock of ours goes further."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
 _LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}

@@ -142,7 +142,7 @@ class _Walk:
 
 
 def must_be_there(path: Path) -> None:
-    """Raise UsageError where nothing is at a path that somebody named."""
+    """Raise UsageError if nothing is at a named path."""
     if not path.exists():
         raise UsageError(str(path), expected=message("log-or-folder"), found=message("nothing-of-name"))
 

@@ -70,7 +70,7 @@ class _End:
 
 @dataclass(frozen=True, slots=True)
 class _Promise:
-    """A note that somebody waits for: ``saved`` is called when it would outlive this process."""
+    """A note with a waiting reader: ``saved`` is called when it would outlive this process."""
 
     note: Note
     saved: Callable[[], object]
@@ -274,7 +274,7 @@ class Recorder:
         return saved
 
     def _keep_promises(self) -> None:
-        """Tell everybody whose note the operating system has now."""
+        """Report every note that the operating system has now."""
         promised, self._promised = self._promised, []
         for saved in promised:
             saved()

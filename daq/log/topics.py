@@ -153,7 +153,7 @@ def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int
 
 
 def signals_note(time_ns: int, signals: Signals) -> Note:
-    """Return what the machine says at a moment."""
+    """Return the machine's signals at a moment."""
     return Note(SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES})
 
 

@@ -15,7 +15,7 @@ from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, sca
 CLEARLY = 0.5
 """A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""
 TELLS = 6.0
-"""Its own steps tell only of what stands out of them: by so many robust standard deviations."""
+"""Its own steps show only a step that stands out of them: by so many robust standard deviations."""
 CONFIRMED = 0.5
 """An odd step that comes out alike, to so much of its size, when the pass is driven again, is the machine's."""
 

@@ -61,12 +61,12 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names_the_cure(self) -> bool:
-        """Tell whether its message names what is to be driven again, or to be stated."""
+        """Return whether its message names a place to be driven again, or a fact to be stated."""
         return self.is_stated or (isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN)
 
     @property
     def is_stated(self) -> bool:
-        """Tell whether what is stated cures it, and driving again does not."""
+        """Return whether a statement cures it, and another drive does not."""
         return self.code == "air-unknown" or (isinstance(self.why, Message) and self.why.key in STATED)
 
     @property
@@ -100,7 +100,7 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
 
     def covers(self, doubt: Doubt) -> bool:
-        """Tell whether this is about a doubt: the same trouble of the same measurement."""
+        """Return whether this is about a doubt: the same trouble of the same measurement."""
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
         return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
 

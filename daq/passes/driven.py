@@ -18,8 +18,9 @@ Chosen = dict[int, OnZero]
 class Pass:
     """One pass. A stop measured again replaces the earlier one where their zeros are known to be the same.
 
-    ``placed`` tells whether the machine says where it stands: without, a person can only be asked to drive from a stop on while the count
-    of the laser is unbroken. ``acceptances`` is the book's own list; ``against`` what other passes of the setup say against this one.
+    ``placed``: the machine sends its position; without it, the operator can only be asked to drive
+    from a stop on while the count of the laser is unbroken. ``acceptances`` is the book's own list;
+    ``against`` the doubts of other passes of the setup.
     """
 
     route: Route
@@ -104,7 +105,7 @@ class Pass:
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
-        """Tell whether a captured stop is the measurement that counts of its place."""
+        """Return whether a captured stop is the measurement that counts of its place."""
         return stop.stop in self.chosen() and self._used[stop.stop].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
@@ -128,12 +129,12 @@ class Pass:
 
     @property
     def whole(self) -> bool:
-        """Tell whether every stop has a usable reading."""
+        """Return whether every stop has a usable reading."""
         return not self.missing
 
     @property
     def complete(self) -> bool:
-        """Tell whether the pass is whole, and whatever may be off in it has been accepted by a person."""
+        """Return whether the pass is whole, and whatever may be off in it has been accepted by a person."""
         return self.whole and not self.open_doubts()
 
     def doubts(self) -> tuple[Doubt, ...]:
@@ -183,7 +184,9 @@ class Pass:
 
     @property
     def is_driven(self) -> bool:
-        """Tell whether driving again cures nothing of what is open: no stop is missing, and every doubt is of what is stated."""
+        """Return whether another drive cures no open doubt: no stop is missing, and every doubt is
+        of a stated fact.
+        """
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
@@ -233,7 +236,9 @@ class Pass:
         return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubts)]
 
     def _may_go_on(self) -> bool:
-        """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""
+        """Return whether the machine may go on in the middle: its position, or the laser's unbroken
+        count, gives its place.
+        """
         return self.placed or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
 
 

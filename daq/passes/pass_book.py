@@ -30,7 +30,7 @@ class PassBook:
         self._stretch = 0
         self.last: CapturedStop | None = None
         self.preferred = ""
-        """The setup that a person wants next."""
+        """The operator's next setup."""
         self.wrong_line = ""
         """The line of the survey file named as wrong by a finding: until its correction no pass has
         to be driven again.
@@ -79,7 +79,9 @@ class PassBook:
         return current
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
-        """Keep the readings of the unbroken count by place: they tell the next log where the machine stands."""
+        """Keep the readings of the unbroken count by place: they give the machine's place to the
+        next log.
+        """
         if anew or self.last is None or self.last.setup != stop.setup:
             self._known = {}
         self._believed = () if anew or not _believed_only(stop) else self._believed
@@ -113,7 +115,7 @@ class PassBook:
         self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
-        """Take a person's word for a doubt; the same one again says nothing new."""
+        """Take the operator's acceptance of a doubt; a repetition changes nothing."""
         if word not in self._acceptances:
             self._acceptances.append(word)
 
@@ -147,7 +149,7 @@ class PassBook:
         return [each for each in self.passes if each.route.setup == setup]
 
     def wanted(self) -> list[int]:
-        """Return the numbers of the passes that the plan wants of every setup: odd outward, even back."""
+        """Return the numbers of the plan's passes of every setup: odd outward, even back."""
         return list(range(1, 2 * self._survey.plan.repeats + 1, 1 if self._survey.plan.return_pass else 2))
 
     def open_passes(self, setup: str) -> list[int]:
@@ -156,12 +158,12 @@ class PassBook:
         return [number for number in self.wanted() if number not in done]
 
     def whole(self) -> bool:
-        """Tell whether every stop of the plan has a usable reading, doubted or not."""
+        """Return whether every stop of the plan has a usable reading, doubted or not."""
         have = {(each.route.setup, each.number) for each in self.passes if each.whole}
         return all((setup, number) in have for setup in self._survey.plan.all_setups for number in self.wanted())
 
     def complete(self) -> bool:
-        """Tell whether every pass of the plan is in, and nothing in it is doubted."""
+        """Return whether every pass of the plan is in, and nothing in it is doubted."""
         return not self.next_setup()
 
     def next_setup(self) -> str:
@@ -175,7 +177,7 @@ class PassBook:
     def start(
         self, *, skip_open_dwell: bool, wall_offset_ns: int = 0, breaks: tuple[Break, ...] = (), beyond: bool | None = None
     ) -> CaptureStart:
-        """Return what a new log's capture needs to know."""
+        """Return the facts that a new log's capture needs."""
         following = self.next_setup()
         names = self._survey.plan.all_setups
         ordered = [following, *(name for name in names if name != following)] if following else list(names)

@@ -1,7 +1,8 @@
 """The stretches of unbroken count of one pass, and what they have to be shifted by to share a zero.
 
-A laser that loses its count goes on from another zero. A stop that was measured before and after tells by how much, where the mirror and
-everything else stayed as they were: then all stops measured in both stretches say the same.
+A laser that loses its count goes on from another zero. A stop measured before and after gives the
+offset, if the mirror and everything else stayed unchanged: then all stops measured in both
+stretches agree.
 """
 
 import math
@@ -162,7 +163,9 @@ class Stretches:
                 yield shift_mm, _doubted(zeros[known], there.stop, here.stop), float(np.hypot(here.stop.u_um, there.stop.u_um))
 
     def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
-        """Tell whether all stops measured in two stretches say the same of the shift between them; else the mirror was moved."""
+        """Return whether all stops measured in two stretches agree on the shift between them; else
+        the mirror was moved.
+        """
         return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(u_um for _, _, u_um in shifts)
 
     def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
@@ -212,7 +215,8 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
 
 def _of_one_count(stop: CapturedStop) -> bool:
-    """Tell whether a reading can be held against others of its stop: of one with a step inside, the part in use may be of the count before.
+    """Return whether a reading can be compared with others of its stop: for a reading with a step
+    inside, the part in use may be of the count before.
 
     At a stop where the machine turned round, the axes stood on the other side.
     """

@@ -107,7 +107,9 @@ def _environment(environment: Environment, stop: CapturedStop, name: str) -> flo
 
 
 def _known_material_c(environment: Environment, stop: CapturedStop) -> float:
-    """Return the material's temperature where a sensor or the person says it, else NaN: a machine without thermometer is not at 20 C."""
+    """Return the material's temperature from a sensor or the operator, else NaN: a machine without
+    thermometer is not at 20 C.
+    """
     if environment.source != "fixed" and stop.material_temperature_c is None:
         return float("nan")
     return _material_c(environment, stop)

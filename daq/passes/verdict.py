@@ -22,8 +22,8 @@ STATED = ("air-unknown", "sensor-jump")
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts that the solver's errors make of the readings they name: of a stop, a pass, every pass of a setup, or each of
-    the passes among which the data do not tell.
+    """Return the doubts from the solver's errors about the readings they name: of a stop, a pass,
+    every pass of a setup, or each of the passes that the data do not separate.
 
     An error that names none is about all of them.
     """

@@ -34,7 +34,7 @@ def ask_to_begin(folder: Path, setup: str, name: str) -> None:
 
 
 class BegunWords:
-    """Hears what is added to the file of a folder from now on."""
+    """Reads the lines added to the file of a folder from now on."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / BEGUN

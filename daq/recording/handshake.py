@@ -10,7 +10,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
 LEAST_PATIENCE_S = 1.0
-"""A stop takes its window and a few polls even where the plan asks for a shorter dwell."""
+"""A stop takes its window and a few polls even if the plan has a shorter dwell."""
 MOST_TIMES = 3
 """Answers to a machine that has never moved on, before it is named."""
 
@@ -42,7 +42,9 @@ class Handshake:
             self._tell(stop.stop_count)
 
     def written(self, refused: Words) -> Finding | None:
-        """Hear whether the machine took what was written, and why it did not; return its finding, once."""
+        """Take note whether the machine took a written value, and of the reason of a refusal;
+        return its finding, once.
+        """
         before, self._refused = self._refused, refused
         if not refused or before:
             return None

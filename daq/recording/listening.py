@@ -19,7 +19,9 @@ PATIENCE_NS = 3_000_000_000
 middle of a word, or its power has just come.
 """
 SILENCE_NS = 500_000_000
-"""A silence spends no more than this of the patience: noise at opening says nothing of the instrument that gets power an hour later."""
+"""A silence spends no more than this of the patience: noise at opening is no evidence about the
+instrument that gets power an hour later.
+"""
 SECOND_NS = 1_000_000_000
 
 
@@ -52,8 +54,9 @@ class _Ear:
             self._decode(data, chunk.arrival_ns)
 
     def after_loss(self, decoder: Decoder) -> "_Ear":
-        """Return the ear for who comes back. Patience goes on over the loss, or who hangs up every second would never be named; once
-        somebody was named it begins anew, or he would be named again and again.
+        """Return the ear for who comes back. Patience goes on over the loss, or a line that hangs
+        up every second would never be named; once named it begins anew, or the line would be named
+        again and again.
         """
         before = (self.before or self.reported) and not self.understood
         return _Ear(decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns)
@@ -78,7 +81,7 @@ class _Ear:
 
 
 class Listening:
-    """Hears every stream of a survey. A line understood once is not examined again before a
+    """Reads every stream of a survey. A line understood once is not examined again before a
     loss.
     """
 

@@ -109,7 +109,7 @@ def _sign(descriptor: int, folder: Path) -> None:
 
 
 def is_recording(folder: Path) -> bool:
-    """Tell whether a daemon holds the folder now; nothing is made or changed."""
+    """Return whether a daemon holds the folder now; nothing is made or changed."""
     try:
         with (folder / LOCK).open("rb") as file:
             lock(file.fileno(), shared=True)

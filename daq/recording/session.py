@@ -1,4 +1,6 @@
-"""When a log begins and ends, and what the survey still wants: the recording's decisions, without any input or output of its own."""
+"""Beginning and end of a log, and the open passes of the survey: the recording's decisions, without
+any input or output of its own.
+"""
 
 import dataclasses
 import math
@@ -34,7 +36,7 @@ from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
-from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.daq.timing.stream import Break, StreamBuffer, last_of_each
 from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
@@ -167,7 +169,7 @@ class Session:
 
     @property
     def recording(self) -> bool:
-        """Tell whether a log is open."""
+        """Return whether a log is open."""
         return self.capture is not None
 
     @property
@@ -266,7 +268,7 @@ class Session:
             self._sink.note(log_note(now_ns(), "warning", str(what), "daemon"))
 
     def found(self, finding: Finding) -> None:
-        """Keep what somebody else has seen, beside what the capture sees."""
+        """Keep an event from outside, beside the events of the capture."""
         self.findings.append(finding)
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
@@ -286,6 +288,7 @@ class Session:
             self._hear(event)
         elif isinstance(event, LinkEvent) and event.interrupts and event.link in self._idle:
             self._idle[event.link].interrupted(event.time_ns)
+            self._idle[event.link].forget_breaks()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
@@ -298,6 +301,7 @@ class Session:
         """Follow a stream while nothing is recorded of it."""
         if chunk.stream in self._idle:
             self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
+            self._idle[chunk.stream].forget_breaks()
         for found in self._listening.take(chunk):
             self._heed(found)
 
@@ -312,7 +316,9 @@ class Session:
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
-        """Tell whether a log is to begin: the program runs and something is wanted of it, or the machine stands at a stop."""
+        """Return whether a log is to begin: the program runs and a pass of it is open, or the
+        machine stands at a stop.
+        """
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
         if not self._armed or self._standing is not None or signals.running is False or signals.setup == 0:
@@ -321,13 +327,13 @@ class Session:
         return signals.stopped is True or (named and self._wanted(signals.setup))
 
     def _left(self, signals: Signals) -> bool:
-        """Tell whether the program of the survey before is over, as far as the signals can say."""
+        """Return whether the program of the survey before is over, by the signals."""
         if signals.running is None and signals.setup is None:
             return not signals.stopped
         return signals.running is False or signals.setup == 0 or (self._last_setup is not None and signals.setup != self._last_setup)
 
     def _wanted(self, setup: int | None) -> bool:
-        """Tell whether a pass is still wanted of the setup that the machine names."""
+        """Return whether a pass of the machine's setup is still open."""
         if setup is None:
             return not self.book.complete()
         return any(self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups))
@@ -346,7 +352,7 @@ class Session:
         events, self._before, self._before_bytes = list(self._before), deque(), 0
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
-        breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
+        breaks = last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks, beyond=self._beyond)
         believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
         start = msgspec.structs.replace(
@@ -397,7 +403,7 @@ class Session:
             self._begun = ""
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
-        """Tell whether a log without a stop has been left by the program for a while."""
+        """Return whether a log without a stop has been left by the program for a while."""
         signals = capture.signals
         if capture.walk is not None or signals is None or not (signals.running is False or signals.setup == 0):
             self._left_ns = None
@@ -462,10 +468,3 @@ class Session:
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
     """Return what is listened to between two logs."""
     return {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items() if stream != "head"}
-
-
-def _last_of_each(breaks: tuple[Break, ...]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last unwatched time: a single loss of each kind counts
-    as much as many.
-    """
-    return tuple({event.watched: event for event in breaks}.values())

@@ -33,11 +33,15 @@ class Settled:
         return True
 
     def due(self, session: Session) -> bool:
-        """Tell whether the survey is to be asked for now because it was while a log was open."""
+        """Return whether to ask for the survey now because the question came while a log was
+        open.
+        """
         return self._asked_too_early and not session.recording
 
     def of(self, session: Session) -> Settlement:
-        """Return whether a survey is complete, or open for a doubt alone; empty where something is missing, or nobody knows yet."""
+        """Return whether a survey is complete, or open for a doubt alone; empty for a missing pass,
+        or before this is known.
+        """
         self._asked_too_early = session.recording
         if session.recording or (not session.round.logs and not session.book.passes):
             return ""

@@ -51,9 +51,9 @@ def record_series(survey: Survey, text: str, begun: Round, setup: str, series: S
     """Record a setup from a series that began at ``at_s`` (seconds since 1970); return its stops,
     pass after pass.
 
-    Raises UsageError if the survey does not want the setup, DataError if the series lacks a stop of
-    a pass: then no stop is named that the plan does not place; its logs stay, like the logs of a
-    pass driven in vain.
+    Raises UsageError if the survey has no open pass of the setup, DataError if the series lacks a
+    stop of a pass: then no stop is named that the plan does not place; its logs stay, like the logs
+    of a pass driven in vain.
     """
     taken: list[CapturedStop] = []
     session = Session(

@@ -132,7 +132,7 @@ def note_judgement(folder: Path, judged: Judgement) -> None:
 
 
 def mark_of(folder: Path) -> tuple[int, ...]:
-    """Return what changes when somebody adds a line."""
+    """Return a value that changes with every added line."""
     return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / name for name in WORDS))
 
 

@@ -38,7 +38,7 @@ REGISTER_TABLES = ("holding", "input")
 
 
 def is_table(name: str) -> bool:
-    """Tell whether there is a table of this name."""
+    """Return whether there is a table of this name."""
     return re.match(_TABLE, name) is not None
 
 

@@ -149,7 +149,9 @@ class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything a person may want to see. Ages are in seconds so that a reader's clock does not matter."""
+    """The whole state for the viewer. Ages are in seconds so that a reader's clock does not
+    matter.
+    """
 
     sequence: int
     wall_time: str
@@ -171,7 +173,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     reading_mm: float | None
     reading_age_s: float | None
     beam: float | None
-    """Beam strength: 0 none, 1 full; None where the instrument does not say it."""
+    """Beam strength: 0 none, 1 full; None if the instrument does not send it."""
     beam_lost: bool
     stopped: bool | None
     stop_count: int | None
@@ -213,12 +215,14 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     not lost.
     """
     driven_out: bool = False
-    """Whether the machine has left the last stop of the pass, which is taken in a moment: whoever takes the beam away now harms nothing."""
+    """Whether the machine has left the last stop of the pass, which is taken in a moment: a beam
+    taken away now harms nothing.
+    """
     strip: StripStatus | None = None
     result_ready: bool
     recording: bool
     begins: bool = False
-    """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
+    """Whether the operator has to announce each setup: the machine has no signals."""
     ahead: AheadStatus = AheadStatus()
     """The next pass, by the newest solution."""
     waits_in_vain: bool = False
@@ -259,7 +263,7 @@ class StatusSource(Protocol):
         """
 
     def token_guessed(self, address: str, count: int) -> None:
-        """Hear that an address has sent so many wrong tokens."""
+        """Take note that an address has sent so many wrong tokens."""
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks.

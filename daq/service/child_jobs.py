@@ -37,7 +37,7 @@ class Commands:
 
 
 class Finisher:
-    """Runs the children and knows what came of the last one.
+    """Runs the children and keeps the outcome of the last.
 
     ``on_done`` is called when a survey was solved, or could not be: with its folder and whether there is a result.
     """
@@ -158,7 +158,9 @@ class Finisher:
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:
-        """Have the oldest finished surveys packed where there is a budget; the child says in the same log what it did."""
+        """Have the oldest finished surveys packed within a budget, if any; the child logs its work
+        in the same log.
+        """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(
                 *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL

@@ -223,7 +223,7 @@ class Daemon:
             session.say(waits)
 
     def _written(self, refused: Words) -> None:
-        """Hear whether the machine took what was written."""
+        """Take note whether the machine took a written value."""
         if self._handshake is not None and (refusal := self._handshake.written(refused)):
             self._working.session.say(refusal)
 
@@ -397,7 +397,7 @@ class Daemon:
         self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
-        """Begin the setup that somebody at a terminal says is going to be driven."""
+        """Begin the setup announced at a terminal."""
         for word in self._begun.news():
             try:
                 self._working.session.begin(word.setup, now_ns())
@@ -410,7 +410,7 @@ class Daemon:
     # what goes out
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
-        """Hear of the recorder, in its own thread."""
+        """Take note of the recorder's state, in the recorder's thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
         fields = {"state": health.state, "reason": str(health.reason), "path": str(health.path), "lost_events": health.lost_events}
         if health.state in ("blocked", "dead"):
@@ -440,7 +440,9 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write what is heard and waited for beside the lock, in a thread that only writes; what ``then`` reports is true there as well."""
+        """Write the live state beside the lock, in a thread that only writes; the reports of
+        ``then`` are true there as well.
+        """
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
 

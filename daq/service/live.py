@@ -37,7 +37,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     conditions: dict[str, float] = {}
 
     def awaits_stop_of(self, setup: str) -> bool:
-        """Tell whether the daemon waits for the next stop of a setup."""
+        """Return whether the daemon waits for the next stop of a setup."""
         waits = self.waits_for
         return isinstance(waits, Message) and waits.key in AT_STOPS and waits.arguments["setup"] == setup
 

@@ -1,4 +1,4 @@
-"""The daemon in figures, for whoever watches over many of them."""
+"""The daemon in figures, for the supervision of many daemons."""
 
 import shutil
 import time

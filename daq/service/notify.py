@@ -15,17 +15,19 @@ class Notifier:
 
     @property
     def watchdog_s(self) -> float | None:
-        """Return within how many seconds systemd wants a sign of life (sd_watchdog_enabled(3)), or None."""
+        """Return the period in s of the signs of life for systemd (sd_watchdog_enabled(3)), or
+        None.
+        """
         wanted = os.environ.get("WATCHDOG_USEC", "")
         meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
         return int(wanted) * 1e-6 if wanted.isdigit() and meant_for == str(os.getpid()) else None
 
     def ready(self) -> None:
-        """Say that the daemon is up."""
+        """Report that the daemon is up."""
         self._send("READY=1")
 
     def status(self, text: str) -> None:
-        """Say in words what the daemon does; again only when it changes."""
+        """Report the daemon's work in words; again only when it changes."""
         if text != self._shown:
             self._shown = text
             self._send(f"STATUS={text}")
@@ -35,7 +37,7 @@ class Notifier:
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """Say that the daemon is finishing."""
+        """Report that the daemon is finishing."""
         self._send("STOPPING=1")
 
     def _send(self, message: str) -> None:

@@ -14,8 +14,9 @@ GIVE_WAY = 5
 def lower_priority() -> None:
     """Let the recording process go first: another survey may be under way while this process computes.
 
-    A kernel lets a computing thread finish its slice of a millisecond or more whoever else wakes up, so being less important is not
-    enough: one processor is left alone. numpy's threads stay where they were born, so this comes before it is loaded.
+    A kernel lets a computing thread finish its slice of a millisecond or more whatever else wakes
+    up, so being less important is not enough: one processor is left alone. numpy's threads stay
+    where they were born, so this comes before it is loaded.
     """
     nice(GIVE_WAY)
     with suppress(OSError, AttributeError):

@@ -32,7 +32,9 @@ def snapshot(
     waits_in_vain: bool = False,
     notice: Words = "",
 ) -> Snapshot:
-    """Return what the daemon knows at this moment; ``links`` are laser, machine, 4-DOF head and sensor of air."""
+    """Return the state of the daemon at this moment; ``links`` are laser, machine, 4-DOF head and
+    sensor of air.
+    """
     laser, plc, head, air = links
     survey, signals = session.survey, session.signals or Signals()
     setup, stop, count, axis = expected_stop(session)

@@ -80,7 +80,7 @@ class DaemonStatusSource:
 
     @property
     def has_news(self) -> bool:
-        """Tell whether something has changed since the last tick."""
+        """Return whether something has changed since the last tick."""
         return self._sequence != self._published
 
     async def publish(self) -> None:
@@ -176,7 +176,7 @@ class DaemonStatusSource:
         return self._at_work.shown.folder
 
     def token_guessed(self, address: str, count: int) -> None:
-        """Show to the people at the machine that somebody tries tokens."""
+        """Show a series of wrong tokens at the machine."""
         text = message("page-token-guessed", address=address, count=count)
         self._at_work.session.found(finding("warning", text))
         self.news()

@@ -63,7 +63,7 @@ class Supervisor:
             self._notifier.alive()
 
     def _look_at_disk(self) -> None:
-        """Say once, in the log and on the page, that the disk is nearly full."""
+        """Report once, in the log and on the page, that the disk is nearly full."""
         words = words_on_disk(self._folder, self._min_free_gb * (1.1 if self.disk else 1.0))
         if words and not self.disk:
             _log.error("disk-low", free_gb=round(disk_free_bytes(self._folder) / GB, 2), folder=str(self._folder))

@@ -1,6 +1,6 @@
 """The files a survey names, kept with its logs: profiles, the tables that profiles name, angles, the head's calibration.
 
-A replay must not depend on files that somebody has changed since; so they stand in the log, as they were.
+A replay must not depend on files that have changed since; so they stand in the log, unchanged.
 """
 
 import base64
@@ -51,7 +51,8 @@ def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
 
 
 def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
-    """Return what the survey says about the compensation while measuring, with the hashes of the files in its ``bundle``.
+    """Return the survey's statement about the compensation while measuring, with the hashes of the
+    files in its ``bundle``.
 
     Raises DataError for a bundle without a file that the survey names.
     """

@@ -244,7 +244,7 @@ class AnglesSection(msgspec.Struct, frozen=True, kw_only=True):
     z: tuple[Turn, ...] = ()
 
     def turns(self, axis: str) -> tuple[Turn, ...]:
-        """Return which rotation each reading tells in a run along ``axis`` (x, y, z), with its sign."""
+        """Return the rotation of each reading in a run along ``axis`` (x, y, z), with its sign."""
         return {"x": self.x, "y": self.y, "z": self.z}[axis]
 
 
@@ -316,7 +316,9 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def silent(self) -> bool:
-        """Tell whether the machine has no signals: the laser's plateaus place and name the stops of a pass that a person begins."""
+        """Return whether the machine has no signals: the laser's plateaus place and name the stops
+        of a pass begun by the operator.
+        """
         return self.transport == "none"
 
     @property
@@ -333,7 +335,9 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def signal_names(self) -> tuple[str, ...]:
-        """Return the names of the signals that this machine says, outright or by an expression, in the order of the contract's block."""
+        """Return the names of this machine's signals, direct or by an expression, in the order of
+        the contract's block.
+        """
         return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
@@ -353,7 +357,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def standing(self) -> frozenset[str]:
-        """Return the names of what is read and tells whether the machine stands."""
+        """Return the names of the values that show whether the machine stands."""
         return self.parsed()["stopped"].names if "stopped" in self.expressions else frozenset(["stopped"])
 
 
@@ -520,7 +524,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def volume(self) -> Volume:
-        """Return the volume as the solver knows it."""
+        """Return the volume in the solver's form."""
         return Volume(origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments)
 
     @property
@@ -530,7 +534,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def planned(self) -> runs.Plan:
-        """Return what is driven as the planner, the programs and the recording know it."""
+        """Return the plan in the form of the planner, the programs and the recording."""
         plan, offsets = self.plan, self.plan.offsets_mm
         return runs.Plan(
             volume=self.volume,

@@ -85,7 +85,7 @@ def _lines(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
-    """Judge which rotations an autocollimator or a level tells in a run."""
+    """Check the rotations of an autocollimator or a level in a run."""
     axis = setup_of(setup).axis
     own = "ABC"[AXES.index(axis)]
     turns = head.angles.turns(axis)

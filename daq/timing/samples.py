@@ -93,7 +93,7 @@ class Decoder(Protocol):
         ...
 
     def resync(self) -> None:
-        """Forget the half line or frame: the stream was interrupted."""
+        """Discard the half line or frame: the stream was interrupted."""
         ...
 
 
@@ -142,7 +142,7 @@ class GreetingDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class RespondingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that wants an answer to its data."""
+    """A decoder for an instrument that needs an answer to its data."""
 
     def responder(self) -> Callable[[bytes], bytes]:
         """Return a function from the bytes received on an open line to their answer."""

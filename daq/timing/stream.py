@@ -8,7 +8,7 @@ keeps the arrival of its own chunk, and old samples are discarded by whole chunk
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 
@@ -32,7 +32,9 @@ ARRIVAL_SLACK_NS = 500_000_000
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
 """After any of these an interferometer has lost its count: readings before and after belong to different zeros."""
 LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
-"""Before the first good sample a decoder may not know its instrument yet; only these tell of a loss."""
+"""Before the first good sample a decoder may not have recognised its instrument yet; only these
+remarks mean a loss.
+"""
 UNUSABLE = CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
 
 
@@ -43,12 +45,14 @@ UNWATCHED_PERIODS = 3.0
 """A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
-"""Why nobody watched the laser, in words."""
+"""Reason why the laser was unwatched, in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """The count was lost, or may have been because nobody ``watched``: why, and when (arrival)."""
+    """The count was lost, or may have been in an unwatched time: the reason, and the time
+    (arrival).
+    """
 
     time_ns: int
     reason: Words
@@ -67,7 +71,7 @@ class Span:
 
 
 class StreamBuffer:
-    """Decodes a stream, keeps its clock, remembers the last samples and every loss of count."""
+    """Decodes a stream, keeps its clock, its newest samples and every loss of count."""
 
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
@@ -162,6 +166,11 @@ class StreamBuffer:
         self._decoder.resync()
         self._breaks.append(Break(at_ns, reason, watched=False))
 
+    def forget_breaks(self) -> None:
+        """Keep the last loss of count and the last time unwatched: for a stream that is followed for weeks and not recorded."""
+        if len(self._breaks) > 2:
+            self._breaks = list(last_of_each(self._breaks))
+
     def newest_ns(self) -> float:
         """Return the time of the newest sample; minus infinity before the first."""
         self._settle()
@@ -195,7 +204,9 @@ class StreamBuffer:
         )
 
     def drained(self) -> list[tuple[NDArray[np.float64], Samples]]:
-        """Return all samples that are remembered with their times in ns, and forget them: for who decodes a whole log."""
+        """Return all stored samples with their times in ns, and discard them: for the decoding of a
+        whole log.
+        """
         self._settle()
         batches, self._batches, self._kept = self._batches, deque(), 0
         return [(self._times(batch, clock), batch) for batch, clock in batches]
@@ -341,6 +352,11 @@ LOSSES: Mapping[Flag, Message] = {
     Flag.HEAD_ERROR: message("laser-head-error"),
     Flag.SLEW: message("moved-too-fast"),
 }
+
+
+def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
+    """Return the last loss of count and the last time unwatched: one of each states as much as many."""
+    return tuple({event.watched: event for event in breaks}.values())
 
 
 def _describe(flags: int) -> Message:

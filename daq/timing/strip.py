@@ -21,7 +21,7 @@ class Strip:
         self._newest_ns = 0
 
     def follow(self, stream: StreamBuffer) -> None:
-        """Take what a stream remembers and the strip does not hold yet."""
+        """Take the stream's new samples."""
         for batch in stream.since(self._newest_ns):
             self.add(batch)
 

@@ -1,7 +1,7 @@
 """The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new heading (TF5280, 296429067).
 
-Values in mm and rad (296426379). A block without an axis in its heading holds position errors, in one row: here the squarenesses C0Y,
-B0Z and A0Z, which shift the tool as contract 1 says.
+Values in mm and rad (296426379). A block without an axis in its heading holds position errors, in
+one row: here the squarenesses C0Y, B0Z and A0Z, which shift the tool by contract 1.
 """
 
 import re

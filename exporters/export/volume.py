@@ -107,7 +107,9 @@ def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
 
 
 def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:
-    """Yield what refuses the lattice, or has to be accepted: size, steepness, and what the solver says about the data."""
+    """Yield the refusals of the lattice and the warnings to accept: size, steepness, and the
+    solver's findings about the data.
+    """
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:

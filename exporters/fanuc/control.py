@@ -220,7 +220,9 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
 
 
 def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse where inclination, straightness or a second direction would be lost for want of their parameter lines."""
+    """Refuse a loss of inclination, straightness or a second direction for want of their parameter
+    lines.
+    """
     needed = [key for key, text in parameters.items() if key[0] not in SET_BY_HAND and (key[0], text) != (BIDIRECTIONAL, "0")]
     missing = [key for key in needed if all(master.parameter(*key) is None for master in masters)]
     if missing:

@@ -27,7 +27,9 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 
 
 def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
-    """Yield an error or a warning for all that the machine's own files say against the profile; what is not there says nothing."""
+    """Yield an error or a warning for every contradiction between the machine's own files and the
+    profile; a missing parameter is no evidence.
+    """
     if _bit(masters, DISABLED, None, 0):
         yield finding("error", message("machine-file-differs.disabled"))
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":

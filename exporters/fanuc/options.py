@@ -14,7 +14,9 @@ FourNumbers = Annotated[list[int], msgspec.Meta(min_length=4, max_length=4)]
 
 
 class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[fanuc.axes.X]``: the number of the axis in the control (A1, A2 ..: parameter 1020 says which is X) and its pitch points."""
+    """``[fanuc.axes.X]``: the number of the axis in the control (A1, A2 ..: parameter 1020 names X)
+    and its pitch points.
+    """
 
     number: Annotated[int, msgspec.Meta(ge=1)]
     reference_point: PointNumber

@@ -69,7 +69,7 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
 
 
 def found_in(files: Sequence[PunchFile], options: FanucOptions) -> dict[str, StraightnessNumbers]:
-    """Return the sets in use by function name, as moving and compensated axis in the files say."""
+    """Return the sets in use by function name, by moving and compensated axis in the files."""
     letters = {axis.number: letter for letter, axis in options.axes.items()}
     found: dict[str, StraightnessNumbers] = {}
     for one in sets_in(files) if options.straightness_option else ():

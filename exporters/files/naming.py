@@ -13,7 +13,7 @@ def suffixed(name: str, suffix: str) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return the name that the control is meant to know the file by: without the suffixes of an export."""
+    """Return the name of the file in the control: without the suffixes of an export."""
     path = PurePath(name)
     return f"{path.stem.removesuffix(RESTORE).removesuffix(UNTESTED)}{path.suffix}"
 

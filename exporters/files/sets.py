@@ -108,7 +108,9 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
 
 
 def listed(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 by name, as the folder's list says. Raises DataError where there is none, SafetyError for another text."""
+    """Return the SHA-256 by name, from the folder's list. Raises DataError where there is none,
+    SafetyError for another text.
+    """
     path = folder / SUMS
     if not path.is_file():
         expected = message("set-folder", name=SUMS)
@@ -122,7 +124,7 @@ def listed(folder: Path) -> dict[str, str]:
 
 
 def whole(folder: Path) -> bool:
-    """Tell whether a folder holds a set, complete and unaltered."""
+    """Return whether a folder holds a set, complete and unaltered."""
     try:
         read_set(folder)
     except (SafetyError, DataError, UsageError, OSError):
@@ -151,7 +153,7 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
-    """Tell whether the set is there already. Raises ``UsageError`` where something else is."""
+    """Return whether the set is there already. Raises ``UsageError`` where something else is."""
     if not target.exists() or (target.is_dir() and not any(target.iterdir())):
         return False
     if target.is_dir() and all(holds(target / file.name, file.data) for file in files):
@@ -174,7 +176,7 @@ def _place(target: Path, files: Sequence[ControlFile]) -> None:
         try:
             part.rename(target)
         except OSError:
-            # another export was faster: its set stays, and is ours where it says the same
+            # another export was faster: its set stays, and counts as ours if equal
             if not _stands_there(target, files):
                 raise
         sync_folder(target.parent)

@@ -53,7 +53,9 @@ class Naming:
 
 
 def axis_in(name: str) -> str | None:
-    """Return the axis that a file name tells: ``screw_x.comp``, ``screwcompX.dat``; None where it tells none."""
+    """Return the axis in a file name: ``screw_x.comp``, ``screwcompX.dat``; None without an
+    axis.
+    """
     match = _SCREW_NAME.search(name.rpartition(".")[0].lower())
     return (match["axis"] or match["last"]).upper() if match else None
 
@@ -114,7 +116,9 @@ def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:
-    """Yield what goes out and what comes in, section by section; kinematics of somebody else's come back by their own words."""
+    """Yield the lines to remove and to add, section by section; foreign kinematics come back by
+    their own words.
+    """
     old, new = before.lines(), after.lines()
     new += [_AS_BEFORE] if before.kinematics and not after.kinematics else []
     signed = [(section, f"- {line}") for section, line in old if (section, line) not in new]

@@ -86,7 +86,7 @@ class Neutral:
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return what a person must know who carries the numbers into a control by hand."""
+        """Return the notes for carrying the numbers into a control by hand."""
         return (
             "The numbers are errors: positive where the output axis went too far in its + direction.",
             "A control that adds its table to the command needs them with the opposite sign; one that subtracts it takes them as they are.",

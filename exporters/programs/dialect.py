@@ -177,7 +177,7 @@ def plain(value: float) -> str:
 def _check_increment(job: Job) -> None:
     """Raise ``UsageError`` where a commanded position is no multiple of the control's input increment.
 
-    A control rounds such a position, and the stop is then not where the solver believes it.
+    A control rounds such a position, and the stop is then beside the solver's place.
     """
     increment = 10.0**-job.decimals
     for each in passes_of(job.sequence, job.setup):

@@ -117,7 +117,9 @@ class Client:
         self.link, self._received = link, b""
 
     def serve(self, block: Block) -> bool:
-        """Answer what has come; return False where the connection ends, takes no answer or speaks no Modbus TCP."""
+        """Answer the received bytes; return False for an ended connection, a client that takes no
+        answer, or bytes that are not Modbus TCP.
+        """
         try:
             data = self.link.recv(4096)
         except BlockingIOError:
@@ -142,7 +144,9 @@ class Client:
 
 
 def served(door: socket.socket, block: Block) -> None:
-    """Answer whoever asks, until the control ends this component; the oldest of too many connections gives way."""
+    """Answer all clients, until the control ends this component; the oldest of too many connections
+    gives way.
+    """
     clients: list[Client] = []
     while True:
         ready, _, _ = select.select([door, *(client.link for client in clients)], [], [])

@@ -1,8 +1,10 @@
 """SINUMERIK CEC: sag, angularity and cross-error compensation, one numbered table per input and output axis.
 
-Function manual K3 pp. 243-264: absolute values against the SETPOINT of the base axis, linear between points, ends held, optionally for one
-direction of travel of the base axis only; several tables on one output axis add up. The manual does not say the sense; a builder's
-production program shows that a positive value moves the output axis in - (controllers.md 3.2): ``as-error``, to be proven by a sign test.
+Function manual K3 pp. 243-264: absolute values against the SETPOINT of the base axis, linear
+between points, ends held, optionally for one direction of travel of the base axis only; several
+tables on one output axis add up. The manual does not state the sense; a builder's production
+program shows that a positive value moves the output axis in - (controllers.md 3.2): ``as-error``,
+to be proven by a sign test.
 """
 
 from collections.abc import Mapping

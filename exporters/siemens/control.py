@@ -297,7 +297,7 @@ def _cec_tables(curve: Curve, profile: Profile) -> int:
 
 
 def _possible(products: Sequence[Product]) -> Iterator[Finding]:
-    """Say what products would hold where the profile does not want them."""
+    """Report the possible effect of products if the profile excludes them."""
     worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
     if worth >= _WORTH_SAYING_UM:
         yield finding("info", message("products-possible", worth_um=worth))

@@ -117,7 +117,9 @@ def require_full_effect(file: ControlFile, table: Message, switches: Iterable[st
 
 
 def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
-    """Yield place and text of every line that says something; comments and the bodies of loops are left out."""
+    """Yield place and text of every assignment line; comments and the bodies of loops are left
+    out.
+    """
     in_loop = False
     for where, raw in read_lines(file):
         line = raw.partition(";")[0].strip()

@@ -119,7 +119,8 @@ def _rms_um(curve: Curve) -> float:
 
 
 def numbered(tables: Sequence[Table]) -> list[Table]:
-    """Return the tables as the control numbers them: a product as two, the first of which says by which other it is multiplied.
+    """Return the tables by the control's numbers: a product as two, the first of which names the
+    other as its multiplier.
 
     A product whose multiplier is zero throughout, as restore files write it, is multiplied by nothing.
     """

@@ -30,7 +30,7 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 COLUMN = "column"
 LEVER_MM = 100.0
-"""The lever for which the table of an angle says its movement."""
+"""The lever for which the table of an angle gives its movement."""
 _LETTERS, _TURNS = "XYZ", "ABC"
 
 
@@ -123,7 +123,9 @@ def _relative_urad(
 def _move(
     curves: dict[str, Curve], angle: Angle, relative_urad: Vector, at_reference_urad: float, by: int, middles: Mapping[str, float]
 ) -> None:
-    """Take off the curves what the control makes of an angle by the lever along ``by`` and the fit does not want."""
+    """Take off the curves the control's addition by an angle and the lever along ``by`` that the
+    fit does not contain.
+    """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for output in range(3):
         sign = _sign(turn, by, output) * 1e-3

@@ -1,4 +1,4 @@
-"""For tables that know no direction of travel: the mean of both, with a remark about what is left over."""
+"""For tables without a direction of travel: the mean of both, with a remark about the rest."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -19,7 +19,9 @@ def averaging(profile: Profile) -> Profile:
 
 
 def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
-    """Yield ``direction-averaged`` for every curve whose two directions go into one table although the profile asks for both."""
+    """Yield ``direction-averaged`` for every curve whose two directions go into one table although
+    the profile has both.
+    """
     for curve in curves:
         if is_directional(curve, profile):
             yield finding("warning", message("direction-averaged.written", name=curve.name))

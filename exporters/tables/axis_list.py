@@ -40,9 +40,10 @@ _MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
 class AxisList:
     """Such a control as `exporters.tables.controller.Controller`.
 
-    ``heading``: the three columns as the control names them, with semicolons between; ``decimals``: of a position and an error in mm;
-    ``points`` and ``value_um``: the most that a table holds; ``steps``: what the person does who keys the lists in; ``remarks``: what
-    every export says of this control, such as what was derived and not read.
+    ``heading``: the three columns as the control names them, with semicolons between; ``decimals``:
+    of a position and an error in mm; ``points`` and ``value_um``: the most that a table holds;
+    ``steps``: what the person does who keys the lists in; ``remarks``: the remarks of every export
+    for this control, such as a fact derived and not read.
     """
 
     name: str

@@ -76,7 +76,9 @@ class Multiplying(Protocol):
     """A control that can multiply a table by another."""
 
     def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
-        """Return the tables for the curves, and for the products as far as the profile wants them and the control has tables."""
+        """Return the tables for the curves, and for the products as far as the profile allows them
+        and the control has tables.
+        """
 
 
 @runtime_checkable

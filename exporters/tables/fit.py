@@ -137,7 +137,7 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
 
 
 def _angular(result: Result) -> Iterator[_Term]:
-    """Yield the terms of every angular function that the result knows; 1 urad over 1 mm is 0.001 um."""
+    """Yield the terms of every angular function in the result; 1 urad over 1 mm is 0.001 um."""
     mask, levers = abbe_mask(result.chain), cross_matrix(np.eye(3))  # levers[b] @ turn = e_b x turn
     for moving, letter in enumerate(_LETTERS):
         for turn, word in enumerate(_TURNS):

@@ -78,7 +78,7 @@ class Law:
 class Multiplier:
     """By what a control multiplies a table: a function of another axis without a unit, 1 at its largest; linear between its points.
 
-    Outside its points it is held or drawn on as ``ends`` says.
+    Outside its points it is held or extended by ``ends``.
     """
 
     axis: str
@@ -145,7 +145,7 @@ class Table:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """Return what tells a table of a control from its others, in whichever file it stands."""
+        """Return the identity of a table among the tables of a control, independent of its file."""
         place = tuple(sorted((key, str(value)) for key, value in self.place.items() if key not in ("file", "list")))
         return self.kind, self.name, self.direction, place
 

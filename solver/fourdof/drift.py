@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 LEAST_SAMPLES = 5
-"""Fewer tell nothing of how fast a drift is."""
+"""Fewer samples do not give the speed of a drift."""
 QUICKEST = 1e4
 """Variance of a step of the walk over the variance of the noise: beyond this ratio the detector's
 values are taken unsmoothed.
@@ -79,7 +79,7 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
         return np.zeros_like(rest_urad), np.zeros_like(rest_urad)
     slope = float(of_rest @ of_spot) / power
     u_slope = min(float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0)
-    # within 0 .. 1 with nothing known before; no part at all where the spot cannot tell
+    # within 0 .. 1 without earlier knowledge; no part at all if the spot gives no evidence
     real = float(np.clip(slope, 0.0, 1.0)) * (1.0 - u_slope)
     open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
     return real * rest_urad, np.sqrt(open_share + u_slope**2 * rest_urad**2 / 12.0)
@@ -96,7 +96,9 @@ class _Smoothed:
 
 
 def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
-    """Return what filter and smoother say for steps of variances ``speed`` (N - 1, speeds), all in parts of the noise's variance."""
+    """Return filter and smoother for steps of variances ``speed`` (N - 1, speeds), all in parts of
+    the noise's variance.
+    """
     count = speed.shape[1]
     level, share = np.empty((len(seen), count)), np.empty((len(seen), count))
     ahead = np.empty_like(speed)

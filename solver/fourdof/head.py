@@ -191,7 +191,9 @@ def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk
 
 
 def _clipped(head: Head, channels: Vector) -> Mask:
-    """Tell of which samples (N,) one sum has left the others: an edge or the electronics cut its spot."""
+    """Return the samples (N,) in which a sum has left the others: an edge or the electronics cut
+    its spot.
+    """
     if head.light is None:
         return np.zeros(len(channels), dtype=bool)
     dark = np.array([detector.dark[2] for detector in (head.qd, head.psd1, head.psd2)])

@@ -169,7 +169,7 @@ def _without(frame: Vector, rows: Vector) -> Vector:
 
 
 def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
-    """Tell of which values, shape (N, 6), what a jog misses is a part: those of the QD at a jog."""
+    """Return the values, shape (N, 6), that contain the miss of a jog: the QD at a jog."""
     of_jogs = np.zeros(stands.seen.shape, dtype=np.bool_)
     of_jogs[stands.jogged, :2] = True
     return of_jogs

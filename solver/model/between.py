@@ -30,8 +30,8 @@ BETWEEN = "between the nodes"
 class AxisBetween:
     """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what a function does there.
 
-    ``alone`` (positions,) tells where a laser's run of this axis alone passed: there its positioning is measured, elsewhere only within a
-    sum, or a head measured straightness.
+    ``alone`` (positions,) marks the positions of a laser's run of this axis alone: there its
+    positioning is measured, elsewhere only within a sum, or a head measured straightness.
     """
 
     position_mm: Vector

@@ -210,7 +210,8 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
     """Every count has an offset: its first stop is as uncertain as the others, and all are relative to it.
 
-    It is shared by an outward pass and its return, not by repetitions: what the count drifts between these is nobody's business.
+    An outward pass and its return share it, repetitions do not: the drift of the count between
+    repetitions is irrelevant.
     """
     return (columns.offset + layout.offset_index)[:, None], np.ones((len(layout), 1))
 

@@ -75,7 +75,7 @@ class Layout:
 
     @property
     def joined(self) -> bool:
-        """Tell whether any outward pass and its return share the zero of the count: then constant backlash shows."""
+        """Return whether any outward pass and its return share the zero of the count: then constant backlash shows."""
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
         return bool(np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size)
 
@@ -114,9 +114,10 @@ _COLUMNS = (
 def lay_out(readings: Readings, source: str = "readings", volume: Volume | None = None) -> Layout:
     """Return the geometry of readings.
 
-    Without ``volume``, it and the increments follow from the body step diagonals, without them from the face diagonals, then the
-    continuous diagonals, then the linear runs; an axis that none of these travels is without length. Stops outside the volume are left
-    out with a finding. Raises ``DataError`` where positions do not form a box, a pass does not drive what its setup says, or the laser
+    Without ``volume``, it and the increments follow from the body step diagonals, without them from
+    the face diagonals, then the continuous diagonals, then the linear runs; an axis that none of
+    these travels is without length. Stops outside the volume are left out with a finding. Raises
+    ``DataError`` if positions do not form a box, a pass departs from its setup, or the laser
     contradicts the travel, naming the stop.
     """
     passes = readings.passes()

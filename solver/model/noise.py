@@ -12,17 +12,21 @@ from stepdiag.base.messages import message
 from stepdiag.solver.linear.mixed import AnyFit
 
 ASSUMED_U_UM = 0.3
-"""A single-aperture laser on a machine in a quiet hall, where neither the readings nor their redundancy tell."""
+"""A single-aperture laser on a machine in a quiet hall, if neither the readings nor their
+redundancy give the noise.
+"""
 LEAST_U_UM = 1e-3
 """No reading is taken for better than this: simulated readings without noise must not make an infinite weight."""
 LEAST_FREEDOM = 4.0
 """Degrees of freedom below which the residuals do not measure the noise."""
 CHECKED = 0.01
-"""Residuals with less redundancy than this say nothing about the noise."""
+"""Residuals with less redundancy than this give no noise."""
 
 
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
-    """Return the noise of some rows relative to what their weights say (variance components); None where nothing tells."""
+    """Return the noise of some rows relative to their weights (variance components); None without
+    evidence.
+    """
     used = rows[fit.weight[rows] > 0]
     freedom = float(np.sum(fit.redundancy_of(used)))
     if freedom < LEAST_FREEDOM:

@@ -54,7 +54,7 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Tell whether any angular function comes with an uncertainty: then it is an observation, not a constant."""
+    """Return whether any angular function comes with an uncertainty: then it is an observation, not a constant."""
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 

@@ -51,7 +51,7 @@ def _functions(columns: list[str], source: str) -> list[str]:
 
 
 def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, float, float] | None:
-    """Return approach, position, value and uncertainty; None where the row says nothing of the function."""
+    """Return approach, position, value and uncertainty; None for a row without this function."""
     position = number_in(fields, "position_mm", where)
     approach = number_in(fields, "approach", where, optional=True)
     value = number_in(fields, f"{name}_um", where, optional=True)

@@ -257,7 +257,7 @@ def _largest(values: Sequence[float | None]) -> float | None:
 
 
 def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
-    """Say where the plan of the test is thinner than ISO 230-2 asks for."""
+    """Report a plan of the test that is thinner than ISO 230-2 requires."""
     span_mm = float(np.ptp(runs.target_mm))
     found = []
     if span_mm > LONG_AXIS_MM:

@@ -179,8 +179,9 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Tell whether anything of them is left as they are written: what is less is rounding, of which each processor has its own, and every
-    name that is kept takes random numbers of its own."""
+    """Return whether any of them is more than rounding: each processor has its own rounding, and
+    every kept name takes random numbers of its own.
+    """
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 
@@ -227,7 +228,7 @@ def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
     return _fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
-# every solve asks for these twice, and the next solve of the same volume for the same ones again
+# every solve needs these twice, and the next solve of the same volume the same again
 @lru_cache(maxsize=4)
 def _free_fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str) -> Vector:
     flat, motions = _fields_um(names, node, volume, chain), rigid_motions(volume, anywhere_mm(volume))

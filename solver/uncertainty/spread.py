@@ -84,7 +84,7 @@ class Spread:
 
 
 SIZES_UNKNOWN = "sizes of these"
-"""The share of what the readings do not say about how large the causes are."""
+"""The share from the unknown sizes of the causes."""
 
 
 def deviation(variance: Vector) -> Vector:

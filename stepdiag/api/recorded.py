@@ -44,7 +44,7 @@ def read_log(path: Path | str) -> RecordedLog:
 
 
 def _joined(batches: Sequence[Samples]) -> Samples:
-    """Return batches as one, their remarks left out: the replay tells them."""
+    """Return batches as one, their remarks left out: the replay gives them."""
     return Samples(
         counter=np.concatenate([batch.counter for batch in batches]),
         position_mm=np.concatenate([batch.position_mm for batch in batches]),

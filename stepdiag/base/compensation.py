@@ -38,7 +38,9 @@ class Statement:
 
 
 def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], day: date | None, source: str) -> Statement:
-    """Return the statement of a person who hands ``files`` over, as they were active, read out on ``day`` in the way ``source`` says."""
+    """Return the statement that ``files`` were active, read out on ``day`` in the way
+    ``source``.
+    """
     rows = tuple(
         ActiveFile(name=name, sha256=hashlib.sha256(data).hexdigest(), date="" if day is None else day.isoformat(), source=source)
         for name, data in sorted(files.items())
@@ -47,7 +49,7 @@ def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], 
 
 
 def stated_in(result: Result) -> Statement:
-    """Return what a result says. Raises ``DataError`` where that is damaged."""
+    """Return the statement of a result. Raises ``DataError`` where that is damaged."""
     facts = result.survey
     if facts is None:
         return Statement()

@@ -1,7 +1,8 @@
 """Kinematic chains and their Abbe arms (theory of the rigid-body model, section 2.2).
 
-A chain is the order of the axes from workpiece to tool. ``FXYZ`` puts the bed ``F`` first: all axes carry the tool. In the ISO 10791-6 form
-``[w X' b Y Z t]`` the bed is ``b`` and a prime marks an axis that carries the work; primes may be left out, for the place of ``b`` says it.
+A chain is the order of the axes from workpiece to tool. ``FXYZ`` puts the bed ``F`` first: all axes
+carry the tool. In the ISO 10791-6 form ``[w X' b Y Z t]`` the bed is ``b`` and a prime marks an
+axis that carries the work; primes may be left out, for the place of ``b`` implies them.
 """
 
 from typing import NamedTuple

@@ -87,7 +87,7 @@ def show(value: object) -> str:
 
 
 def expectation(info: inspect.Type) -> Words:
-    """Return what a field asks for in words: ``a number above 0``, ``one of "E", "N", "O"``.
+    """Return the requirement of a field in words: ``a number above 0``, ``one of "E", "N", "O"``.
 
     The ``description`` in the ``Meta`` of a text with a pattern is the key of a message.
     """

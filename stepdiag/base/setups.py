@@ -1,4 +1,4 @@
-"""The names of setups and what they say about the travel of the machine.
+"""The names of setups and the machine's travel behind them.
 
     ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
     face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third stands
@@ -6,7 +6,8 @@
     linear-x linear-y      run along one axis
     fourdof-x fourdof-y    run of the 4-DOF head along one axis: its own record, no readings
 
-A number behind ``+`` tells setups of the same travel apart: a shifted beam, a second mirror alignment, another face (``ppp+1``).
+A number behind ``+`` separates setups of the same travel: a shifted beam, a second mirror
+alignment, another face (``ppp+1``).
 """
 
 import difflib
@@ -58,12 +59,12 @@ class Setup:
 
     @property
     def is_diagonal(self) -> bool:
-        """Tell whether the axes step one after the other along a body diagonal."""
+        """Return whether the axes step one after the other along a body diagonal."""
         return self.kind == "step"
 
     @property
     def is_fourdof(self) -> bool:
-        """Tell whether the 4-DOF head makes this run: it gives no readings."""
+        """Return whether the 4-DOF head makes this run: it gives no readings."""
         return self.kind == "fourdof"
 
     def shifted(self, number: int) -> str:

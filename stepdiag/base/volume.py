@@ -70,7 +70,7 @@ class Volume:
 
     @property
     def solid(self) -> bool:
-        """Tell whether the survey travelled all three axes: only then it says something about a volume."""
+        """Return whether the survey travelled all three axes: only then it measures a volume."""
         return all(self.travelled)
 
     @property
@@ -144,8 +144,9 @@ def linear_stops_mm(volume: Volume, setup: str) -> Vector:
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
     """Return about ``count`` targets along an axis, ascending: the nodes, and between them places in no step with anything periodic.
 
-    ISO 230-2 asks for P_i = (i - 1) p + r with another r at each target; r is a fraction of p within `BESIDE_EVEN`, the golden ratio's
-    multiples, so that every program of a survey has the same. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
+    ISO 230-2 requires P_i = (i - 1) p + r with another r at each target; r is a fraction of p
+    within `BESIDE_EVEN`, the golden ratio's multiples, so that every program of a survey has the
+    same. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
     """
     nodes, step_mm = volume.nodes_mm(axis), float(volume.step_mm[axis])
     parts = max(min(round(count / volume.increments), int(step_mm / CLOSEST_MM)), 1)

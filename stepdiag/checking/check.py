@@ -92,7 +92,7 @@ class StreamSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the rate at which samples arrive; None before there is enough to tell."""
+        """Return the rate at which samples arrive; None with too few samples."""
         span_s = (self._last_ns - self._first_ns) * NS
         return (self.samples - self._before_first) / span_s if span_s > 1.0 else None
 
@@ -132,7 +132,7 @@ class MachineSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the polls answered a second; None before there is enough to tell."""
+        """Return the polls answered a second; None with too few polls."""
         return self.polls / self.heard_s if self.heard_s > 1.0 else None
 
 

@@ -74,7 +74,7 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _conditions(seen: Observation) -> Iterator[Finding]:
-    """Yield what is wrong with what the laser or a sensor tells of air and material."""
+    """Yield the faults of the laser's or a sensor's values of air and material."""
     for name in sorted(seen.air):
         value = seen.sensor.conditions.get(name)
         if value is None:
@@ -124,7 +124,7 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _light(stream: StreamSeen) -> Iterator[Finding]:
-    """Yield what the last sample says about the beam and the device."""
+    """Yield the state of the beam and the device by the last sample."""
     name, flags = STREAMS[stream.link.name], stream.last_flags
     strength = "" if stream.beam is None else f" ({100 * stream.beam:.0f} %)"
     if flags & Flag.BEAM_LOST:
@@ -153,7 +153,9 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
 
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
-    """Yield what speaks against the register map, and what an absent signal takes away; ``air`` comes from the laser itself."""
+    """Yield contradictions of the register map, and the losses by absent signals; ``air`` comes
+    from the laser itself.
+    """
     why = machine.link.detail
     for name in plc.signal_names:
         if getattr(machine.signals, name) is None:

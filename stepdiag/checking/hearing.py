@@ -104,7 +104,9 @@ async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> l
 
 
 def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
-    """Yield how to listen, most likely first: who speaks by itself, then who wants to be asked."""
+    """Yield the ways of listening, most likely first: instruments that send by themselves, then
+    polled instruments.
+    """
     line = network_line(port)
     if line is not None:
         first = _NETWORK_PORTS.get(line.port, "umd")

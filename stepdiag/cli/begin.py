@@ -1,4 +1,4 @@
-"""``stepdiag begin``: tell the daemon of a machine without signals which setup is going to be driven now."""
+"""``stepdiag begin``: announce the next setup to the daemon of a machine without signals."""
 
 from pathlib import Path
 

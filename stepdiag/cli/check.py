@@ -1,4 +1,4 @@
-"""``stepdiag check``: connect to laser and machine, show every signal, and say in words what is wrong."""
+"""``stepdiag check``: connect to laser and machine, show every signal, and name the faults."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ def check(
     seconds: float = 5.0,
     as_json: AsJson = False,
 ) -> None:
-    """Show every signal of laser and PLC live, say what is wrong."""
+    """Show every signal of laser and PLC live, name the faults."""
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
     from stepdiag.daq.survey.bundle import read_bundle

@@ -138,7 +138,7 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
 
 
 def _print_load(written: "ExportReport") -> None:
-    """Say what of the export may be loaded now, in the words of the conclusion."""
+    """Print the parts of the export that may be loaded now, in the words of the conclusion."""
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
@@ -160,12 +160,12 @@ def import_(
     if len(files) != 1 or not chain:
         raise UsageError("import", expected=message("import-options"), found=" ".join(files))
     file = Path(files[0])
-    from stepdiag.base.files import read_bytes, write_new
+    from stepdiag.base.files import read_bytes, write_hashed
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.neutral import etalon
 
     found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
-    write_new(out, found.to_json())
+    write_hashed(out, found.to_json())
     print_words(message("imported-result", path=str(out)))
 
 
@@ -357,7 +357,7 @@ def _print_verification(found: "Verification", given: "Sequence[ControlFile]", a
 
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
-    """Say what the prediction leaves out, and files that make the machine worse."""
+    """Print the gaps of the prediction, and files that make the machine worse."""
     unknown: list[Words] = [message("scale-of", axis=axis) for axis, scale in measured.scale.items() if not scale.identified]
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:

@@ -78,7 +78,7 @@ class _Watching:
         self._browser = browser
 
     def opened(self, address: str, token: str) -> None:
-        """Say where the page is and what the keys do, and open it."""
+        """Print the page's address and the keys, and open the page."""
         from stepdiag.demo.live import KEYS
 
         print_words(message("demo-page", address=address, token=token))

@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
 
 @contextmanager
 def extra_needed(name: str) -> Iterator[None]:
-    """Say which extra is missing where a library of it is."""
+    """Name the missing extra if its library is missing."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -213,7 +213,7 @@ def show(
     logs: list[Path],
     out: Path | None = None,
 ) -> None:
-    """Say what the head measured by itself."""
+    """Print the head's own results."""
     from stepdiag.base.files import refuse_file_name, write_together
     from stepdiag.fourdof.runs import over_passes
     from stepdiag.head.view import head_table

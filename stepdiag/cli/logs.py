@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 
 def info(log: Path, as_json: AsJson = False) -> None:
-    """Say what is in a log, and whether it is whole."""
+    """Print the contents of a log, and whether it is whole."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import log_info
 

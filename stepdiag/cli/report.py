@@ -99,7 +99,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.
     """
-    from stepdiag.base.files import read_hashed
+    from stepdiag.base.files import read_text
     from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
 
@@ -110,7 +110,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     if {".csv", ".mcap"} & set(path.suffixes):
         remedy = message("command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]))
         raise UsageError(str(path), expected=message("result-in-file", name=RESULT), found=message("source-of-result"), remedy=remedy)
-    return parse_result(read_hashed(file), name or file.name)
+    return parse_result(read_text(file), name or file.name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:
@@ -128,7 +128,7 @@ def compare(
     language: Annotated[str, typer.Option(autocompletion=languages)] = "en",
     as_json: AsJson = False,
 ) -> None:
-    """Say what changed between results of one machine."""
+    """Print the changes between results of a machine."""
     from stepdiag.base.result.typed import written
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
@@ -204,7 +204,7 @@ def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
 
 
 def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
-    """Say predicted against measured, and what follows."""
+    """Print predicted against measured, and the conclusion."""
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 

@@ -1,4 +1,6 @@
-"""``stepdiag signtest``: the experiment that tells in which sense a control applies its tables (controllers.md 11)."""
+"""``stepdiag signtest``: the experiment that shows the sense in which a control applies its tables
+(controllers.md 11).
+"""
 
 import json
 from datetime import UTC, datetime

@@ -1,4 +1,6 @@
-"""``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
+"""``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and the forecast
+of a survey.
+"""
 
 import json
 from dataclasses import replace

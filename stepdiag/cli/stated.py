@@ -23,7 +23,8 @@ def active_files(active: list[Path] | None) -> dict[str, bytes]:
 
 
 def with_compensation(result: "Result", state: str | None, files: dict[str, bytes], day: datetime | None, source: str) -> "Result":
-    """Return the result with what a person says was active, and the hashes of the files that he hands over.
+    """Return the result with the operator's statement of active files, and the hashes of these
+    files.
 
     Raises UsageError where the survey states it already, and where the answer is not whole.
     """

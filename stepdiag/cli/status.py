@@ -40,7 +40,7 @@ def status(
     path: Path,
     as_json: AsJson = False,
 ) -> None:
-    """Say what of a survey is kept and what to drive again."""
+    """Print the kept parts of a survey and the passes to drive again."""
     from stepdiag.daemon.survey_state import standing_of
 
     found = standing_of(path)

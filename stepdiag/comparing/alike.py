@@ -47,7 +47,7 @@ _LENGTHS = {"as_measured": message("lengths-as-measured"), "at_20_c": message("l
 
 
 def standing_of(result: Result) -> Standing:
-    """Return what a result says of itself."""
+    """Return the facts of a result."""
     facts = result.survey or Facts()
     head = "head" if result.head_straightness else ""
     return Standing(
@@ -77,7 +77,9 @@ def _differ(one: str, other: str) -> bool:
 
 
 def remarks(one: Standing, other: Standing) -> Iterator[Message]:
-    """Yield what a reader of a comparison has to know: what differs and was brought together, and what makes a result doubtful."""
+    """Yield the remarks for a reader of a comparison: adapted differences, and doubts about a
+    result.
+    """
     if one.volume_mm and other.volume_mm and not same_volume(one, other):
         yield message("remark-volumes")
     if _differ(one.instruments, other.instruments):
@@ -97,7 +99,9 @@ def same_volume(one: Standing, other: Standing) -> bool:
 
 
 def common_share(budget: Budget | None, name: str, *, same_instruments: bool) -> float:
-    """Return which share of a quantity's standard uncertainty all its surveys have in common; 0 where no budget says it."""
+    """Return which share of a quantity's standard uncertainty all its surveys have in common; 0
+    without a budget.
+    """
     if budget is None or budget.combined.get(name, 0.0) <= 0.0:
         return 0.0
     sources = (*ALIKE, *OF_INSTRUMENTS) if same_instruments else ALIKE

@@ -57,8 +57,10 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """All changes from one result to another, and the volumetric error of both over their common volume (rms, rigid motion removed): as
-    the functions say it, and as intervals at k = 2 (`solver.result.prediction`). ``remarks``: what a reader has to know beside it."""
+    """All changes from one result to another, and the volumetric error of both over their common
+    volume (rms, rigid motion removed): by the functions, and as intervals at k = 2
+    (`solver.result.prediction`). ``remarks``: further facts for the reader.
+    """
 
     remarks: tuple[Message, ...]
     changes: tuple[Change, ...]
@@ -125,7 +127,9 @@ def require_same_volume(before: Result, after: Result) -> None:
 
 
 def _interval(result: Result, common: Volume) -> Interval:
-    """Return the volumetric error as found: what the result says of its own volume, as report and page do; drawn again for another."""
+    """Return the volumetric error as found: the result's own statement for its own volume, as in
+    report and page; drawn again for another.
+    """
     if result.predicted is not None and common.origin_mm == result.volume.origin_mm and common.size_mm == result.volume.size_mm:
         return reach_of(result.predicted).rms_before
     points = anywhere_mm(common)

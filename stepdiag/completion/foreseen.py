@@ -23,7 +23,9 @@ LINUXCNC = "linuxcnc"
 
 
 def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
-    """Return the job's circumstances as far as the survey file tells them, and the profiles of its controls in its ``folder``."""
+    """Return the job's circumstances as far as stated in the survey file, and the profiles of its
+    controls in its ``folder``.
+    """
     turns = _turns(survey.head)
     controls = [CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS]
     by_axis = bool(controls) and not any(isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls)

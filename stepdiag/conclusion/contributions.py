@@ -36,7 +36,9 @@ class Contribution:
 
     @property
     def significant(self) -> bool:
-        """Tell whether the effect is more than its expanded uncertainty (k = 2); without a stated uncertainty it counts."""
+        """Return whether the effect is more than its expanded uncertainty (k = 2); without a stated
+        uncertainty it counts.
+        """
         return self.u_um is None or self.effect_um > 2 * self.u_um
 
 

@@ -38,7 +38,7 @@ def programs_of(
 
 
 def sequence_of(survey: Survey) -> Sequence:
-    """Return what the survey drives, as the writers of programs know it."""
+    """Return the passes of the survey in the form of the writers of programs."""
     plan = survey.plan
     return Sequence(
         name=survey.identity.name,

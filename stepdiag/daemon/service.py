@@ -76,7 +76,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
 
 
 def _say_what_hides(survey: "Survey") -> None:
-    """Say before anything is driven what nobody will see in this survey."""
+    """Report, before the first pass, the errors that this survey cannot see."""
     import structlog
 
     from stepdiag.completion.foreseen import hidden_slip

@@ -77,7 +77,7 @@ class Standing:
 
     @property
     def complete(self) -> bool:
-        """Tell whether every pass of the plan is in."""
+        """Return whether every pass of the plan is in."""
         return not self.next_setup
 
 

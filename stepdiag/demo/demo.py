@@ -1,4 +1,6 @@
-"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified where nobody measured."""
+"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified at
+unmeasured points.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,7 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_hashed
+from stepdiag.base.files import read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.interval import Interval
@@ -53,7 +55,7 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the truth lies inside; never where the result does not say how sure it is."""
+        """Whether the truth lies inside; never without a stated uncertainty of the result."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
 
@@ -99,7 +101,7 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     progress(message("demo-verifying"), 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
-    result = parse_result(read_hashed(round_folder / "result.json"), "result.json")
+    result = parse_result(read_text(round_folder / "result.json"), "result.json")
     reach = {str(form.name): verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
     promises = promises_of(result, before.rms_um, reach[str(WHOLE_FIELD)].rms_um)
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)

@@ -59,10 +59,10 @@ class Person(Protocol):
     """The viewer of the demo."""
 
     def opened(self, address: str, token: str) -> None:
-        """Hear where the page is, and the token for its buttons."""
+        """Take the address of the page, and the token for its buttons."""
 
     def show(self, line: Words) -> None:
-        """Hear what happens."""
+        """Take an event."""
 
     def pressed(self) -> str:
         """Return the key that was pressed since the last call, empty where none was; `END` ends the demo."""

@@ -44,11 +44,11 @@ class Operator:
 
     @property
     def idle(self) -> bool:
-        """Tell whether the machine waits for a start."""
+        """Return whether the machine waits for a start."""
         return self._idle_since > 0.0
 
     def look(self) -> None:
-        """Take note of what the machine says."""
+        """Take note of the machine's events."""
         while (event := self._hall.poll()) is not None:
             self.setup = event["setup"]
             self._idle_since = 0.0 if self.setup else time.monotonic()
@@ -99,7 +99,9 @@ def bench(config: Path, folder: Path) -> Iterator[Talker]:
 
 @contextmanager
 def daemon(survey: Path) -> Iterator[Talker]:
-    """Run the daemon while the block runs, which begins when it hears laser and machine; ``ready`` holds the page's address."""
+    """Run the daemon while the block runs, from the connection of laser and machine on; ``ready``
+    holds the page's address.
+    """
     with talking((sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
         connected: set[str] = set()
         while not {"laser", "machine"} <= connected:
@@ -117,9 +119,9 @@ def daemon(survey: Path) -> Iterator[Talker]:
 def words(
     operator: Operator, recording: Talker, *, go_on: Callable[[], bool] = lambda: True, silence_s: float = SILENCE_S
 ) -> Iterator[dict[str, str]]:
-    """Yield what the daemon says while the operator works, as long as ``go_on`` says so.
+    """Yield the daemon's events while the operator works, as long as ``go_on`` returns True.
 
-    Raises DeviceError where the daemon says nothing for ``silence_s``, or for `SOLVING_S` while it solves.
+    Raises DeviceError after a silence of ``silence_s``, or of `SOLVING_S` while the daemon solves.
     """
     waits_for, heard = "nothing", time.monotonic()
     while go_on():

@@ -43,7 +43,7 @@ from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
-"""Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
+"""Surveys in the scheduler at a time: its memory does not grow with the store."""
 RETRIES = 3
 """Number of new tries of a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002

@@ -59,7 +59,9 @@ class About:
 
 
 def about(result: Result, survey: str) -> About:
-    """Return what a result says of itself; ``survey`` is its name in the archive. Raises DataError where machine or time is missing."""
+    """Return the facts of a result; ``survey`` is its name in the archive. Raises DataError where
+    machine or time is missing.
+    """
     facts = result.survey or Facts()
     if not facts.machine.strip():
         raise DataError(

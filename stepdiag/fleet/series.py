@@ -16,7 +16,7 @@ from stepdiag.fleet.rows import LARGEST, RMS
 
 Array = NDArray[np.float64]
 EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
-"""No survey of this kind is older: a clock that was never set says 1970 or 1980."""
+"""No survey of this kind is older: a clock that was never set shows 1970 or 1980."""
 AHEAD = timedelta(days=2)
 """A clock may be in another time zone and slow; a survey from later than this is dated wrongly."""
 OF_VOLUME = (RMS, LARGEST)
@@ -98,7 +98,9 @@ class LeftOut:
 
 
 def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
-    """Return the hashes of the active tables and what the result says of itself; nothing for what is not there or of another type."""
+    """Return the hashes of the active tables and the facts of the result; empty for missing parts
+    or another type.
+    """
     try:
         stated = json.loads(conditions)
         active = stated.get("active", [])

@@ -114,7 +114,9 @@ class Store:
     """One store. Every failure of the place itself is a UsageError with the name of the file."""
 
     def __init__(self, address: str, *, create: bool = False) -> None:
-        """Open a store: a folder, or an address that fsspec knows. Raises UsageError where there is none, or one of a newer version."""
+        """Open a store: a folder, or an address for fsspec. Raises UsageError where there is none,
+        or one of a newer version.
+        """
         self.address = address
         with refusing(address):
             self._files, root = fsspec.core.url_to_fs(address)
@@ -129,7 +131,7 @@ class Store:
         return f"{self.root}/{name}"
 
     def exists(self, name: str) -> bool:
-        """Tell whether a file is there."""
+        """Return whether a file is there."""
         with refusing(name):
             return bool(self._files.exists(self.path(name)))
 
@@ -259,7 +261,9 @@ class Store:
 
 @contextmanager
 def refusing(name: str) -> Iterator[None]:
-    """Say what the place of the store refuses: full, away, not allowed, or an address that nothing opens."""
+    """Report the refusal of the place of the store: full, away, not allowed, or an address that
+    nothing opens.
+    """
     try:
         yield
     except (UsageError, DataError):

@@ -24,7 +24,7 @@ from stepdiag.texts.texts import UNITS
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
-"""Beyond this a date says nothing of a machine."""
+"""Beyond this a date is no information about a machine."""
 STATES = ("yes", "perhaps", "no")
 CONFORMITY: dict[str, Conforming] = {"yes": "not_conform", "perhaps": "not_decidable", "no": "conform"}
 

@@ -7,7 +7,7 @@ It runs in a process of its own (`stepdiag.page.process`); its only view of the 
 
 import asyncio
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -58,7 +58,7 @@ class Daemon(Protocol):
         """Have pictures shown from now on, or no more."""
 
     async def picture(self) -> Picture:
-        """Return the present state. Raises DeviceError where the daemon does not say it."""
+        """Return the present state. Raises DeviceError for a silent daemon."""
 
     async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
         """Have an order done; return the reason of a refusal, empty after success. Raises
@@ -66,7 +66,7 @@ class Daemon(Protocol):
         """
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Say that an address has sent so many wrong tokens."""
+        """Report that an address has sent so many wrong tokens."""
 
     def say_fault(self, why: object) -> None:
         """Report a fault of this program."""
@@ -81,16 +81,24 @@ class Page:
         self._readers: Counter[str] = Counter()
         self.access = Access(settings.token, daemon.say_guesses)
         self.broadcaster = Broadcaster(lambda on: daemon.watch(on=on))
+        self.still_open: Sequence[str] = ()
+        """What the kernel could not shut for this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
         """Answer the page itself."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken."""
+        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken.
+
+        And what is open to this process that its walls could not shut.
+        """
         return JSONResponse(
-            {"language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed}
-        )
+            {
+                "language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed,
+                "open": list(self.still_open),
+            }
+        )  # fmt: skip
 
     async def texts(self, request: Request) -> Response:
         """Answer the words of one language."""
@@ -218,7 +226,7 @@ def _packed(found: Download) -> Response:
     try:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        # where the service keeps its files is nobody's business
+        # the places of the service's files stay private
         named = message("refusal", where=found.path.name, expected=why.expected, found=why.found)
         return refused(409, named)
     except OSError as why:  # moved away, or its disk is, while it was packed

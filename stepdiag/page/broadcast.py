@@ -52,7 +52,9 @@ class Mailbox:
 
 
 class Broadcaster:
-    """Fills every reader's mailbox with the pictures that are shown; ``on_readers`` hears when the first comes and the last has gone."""
+    """Fills every reader's mailbox with the pictures that are shown; ``on_readers`` is called when
+    the first reader comes and the last has gone.
+    """
 
     def __init__(self, on_readers: Callable[[bool], None]) -> None:
         self._on_readers = on_readers

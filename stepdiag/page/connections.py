@@ -14,7 +14,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST_CONNECTIONS = 300
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
-"""Nobody alone can keep all others out."""
+"""No single address can keep all others out."""
 HEAD_S = 10.0
 """Longest time for the head of a request in s, from its first possible byte."""
 LONGEST_HEAD = 16_384
@@ -44,7 +44,9 @@ class CappedListener(socket.socket):
 
 
 class PunctualLoop(asyncio.SelectorEventLoop):
-    """An event loop whose guests must come to terms about encryption as soon as they must say what they want."""
+    """An event loop whose clients must finish the handshake of encryption as soon as they must send
+    a request.
+    """
 
     async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
         """Listen; where it is TLS, with the patience of `PunctualProtocol` instead of the library's minute."""

@@ -77,7 +77,9 @@ class Listeners:
 
     @classmethod
     def opened(cls, page: Page, metrics: Metrics) -> "Listeners":
-        """Return the addresses that a survey file wants served. Raises DeviceError where one of them cannot be had."""
+        """Return the addresses to serve by a survey file. Raises DeviceError where one of them
+        cannot be had.
+        """
         shown = open_listener(page.host, page.port, "page") if page.enabled else None
         try:
             return cls(page=shown, metrics=open_listener(metrics.host, metrics.port, "metrics") if metrics.enabled else None)
@@ -358,7 +360,7 @@ async def _ended(child: asyncio.subprocess.Process) -> None:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> str:
-    """Return the end of what the process says on standard error, read at leisure until it ends."""
+    """Return the end of the process's standard error, read at leisure until it ends."""
     assert child.stderr is not None
     kept = b""
     while part := await child.stderr.read(LAST_WORDS):

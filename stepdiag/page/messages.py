@@ -17,7 +17,7 @@ from stepdiag.texts.texts import Language
 
 LENGTH_BYTES = 4
 LONGEST_REQUEST = 16_384
-"""Bytes of anything that the page may say."""
+"""Largest message of the page in bytes."""
 LONGEST_MESSAGE = 16_000_000
 """Bytes of a message to the page."""
 
@@ -74,13 +74,13 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Tell the figures."""
+    """The figures."""
 
     number: int
 
 
 class Guesses(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Somebody at an address has sent so many wrong tokens."""
+    """A client at an address has sent so many wrong tokens."""
 
     address: str
     count: int

@@ -37,7 +37,9 @@ FRESH_S = 0.5
 
 
 class RemoteDaemon:
-    """Asks and hears. ``on_picture`` is called with every picture that comes, ``on_end`` when no more will come."""
+    """Sends requests and receives pictures. ``on_picture`` is called with every picture that comes,
+    ``on_end`` when no more will come.
+    """
 
     def __init__(self, asks: BinaryIO) -> None:
         self._asks = asks
@@ -51,7 +53,7 @@ class RemoteDaemon:
         self.on_end: Callable[[], None] = lambda: None
 
     async def hear(self, hears: BinaryIO) -> None:
-        """Take what the daemon tells until it closes the pipe."""
+        """Take the daemon's messages until it closes the pipe."""
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), hears)
@@ -71,11 +73,11 @@ class RemoteDaemon:
             self._ask(Watch(on=on))
 
     def say_ready(self, still_open: tuple[str, ...]) -> None:
-        """Say that the page is served."""
+        """Report that the page is served."""
         self._ask(Ready(open=still_open))
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Say that an address has sent so many wrong tokens."""
+        """Report that an address has sent so many wrong tokens."""
         self._ask(Guesses(address=address, count=count))
 
     def say_fault(self, why: object) -> None:
@@ -85,7 +87,7 @@ class RemoteDaemon:
             self._ask(Fault(text=f"{why!r} in {place}"[:1000]))
 
     async def picture(self) -> Picture:
-        """Return the present state. Raises DeviceError where the daemon does not say it."""
+        """Return the present state. Raises DeviceError for a silent daemon."""
         if self._picture is not None and time.monotonic() - self._picture_s < FRESH_S:
             return self._picture
         before_s = self._picture_s
@@ -109,7 +111,7 @@ class RemoteDaemon:
         return answer.refusal
 
     async def figures(self) -> Figures:
-        """Return the daemon's figures. Raises DeviceError where it does not say them."""
+        """Return the daemon's figures. Raises DeviceError for a silent daemon."""
         number = next(self._numbers)
         answer = await self._answer(number, Count(number=number))
         assert isinstance(answer, Counted)

@@ -122,7 +122,7 @@ class Guesses:
         return min(self.delay_s * count, LONGEST_DELAY_S)
 
     def right(self, address: str) -> None:
-        """Forget them: who has the secret may mistype it."""
+        """Reset the count: a user with the secret may mistype it."""
         self._failures.pop(address, None)
 
 
@@ -150,7 +150,9 @@ class Access:
         return bool(self._token) and scheme.lower() == "bearer" and await self.is_token(request, unquote(given))
 
     async def is_token(self, request: Request, given: str) -> bool:
-        """Return whether somebody gives the token, compared in constant time; a wrong one is counted and answered late."""
+        """Return whether the token is right, compared in constant time; a wrong token is counted
+        and answered late.
+        """
         address = address_of(request)
         if hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             self.guesses.right(address)

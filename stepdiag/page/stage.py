@@ -45,7 +45,7 @@ def headline(now: Snapshot) -> Headline:
 
 
 def is_running(now: Snapshot) -> bool:
-    """Tell whether a pass is being driven."""
+    """Return whether a pass is being driven."""
     return now.phase in ("waiting-stop", "dwelling")
 
 

@@ -27,7 +27,7 @@ FACTS = (
 )  # fmt: skip
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
 DUE = {"customer", "machine", "machine_serial", "operator", "instrument", "instrument_serial", "instrument_certificate", "sensors"}
-"""Entries that a customer expects: "not stated" where nobody states them."""
+"""Entries that a customer expects: "not stated" without a statement."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGEST_LOGO_BYTES = 500_000
 """Bytes of a logo: it stands in the report as text, a third longer."""
@@ -211,7 +211,8 @@ class AsLeft:
 
 
 def as_left(source: str, again: Conclusion, found: Reach | None, after: Result | None = None) -> AsLeft:
-    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained.
+    """Return the check of the reach ``found`` before loading by a survey after it: whether the
+    prediction came true, and the gain.
 
     ``after`` is the result of that survey, for its squareness and its verdicts.
 

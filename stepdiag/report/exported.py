@@ -51,7 +51,8 @@ def exported_of(written: ExportReport) -> Exported:
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
-    """Return what stands in files, or in an export's folder: all are listed; those a control knows, but no restore files, predict.
+    """Return the contents of files, or of an export's folder: all are listed; a control's files,
+    except restore files, predict.
 
     Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or files of two controls are mixed,
     ``SafetyError`` for a set that is not as an export wrote it.

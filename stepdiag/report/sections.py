@@ -78,7 +78,9 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
 
 
 def conditions_table(result: Result, readings: Readings | None, words: Mapping[str, str]) -> Table:
-    """Return the conditions of the survey: what the result carries under ``conditions``, and what the readings say."""
+    """Return the conditions of the survey: ``conditions`` of the result, and the values of the
+    readings.
+    """
     flat = [] if result.conditions is None else _leaves(written(result.conditions))
     rows = [(_readable(name, words), _from_to(value)) for name, value in flat[:MOST_ROWS]]
     measured = "material_temperature_c" in dict(flat)
@@ -166,7 +168,9 @@ def even(value: float | None, expanded: float | None) -> str:
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the scales as measured and at 20 C, each with its U, and which are in the tables; None where the result does not say."""
+    """Return the scales as measured and at 20 C, each with its U, and which are in the tables; None
+    if the result lacks it.
+    """
     found = basis_of(result)
     if found.tables is None or not found.other:
         return None
@@ -263,7 +267,9 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return how well the readings agree with the model, where the result says it (``fit``, ``scale_sum_um``)."""
+    """Return the agreement of the readings with the model, if the result has it (``fit``,
+    ``scale_sum_um``).
+    """
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
     known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
@@ -283,7 +289,7 @@ def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
 
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
-    """Return in words everything that the data do not say: functions, squarenesses, scales."""
+    """Return in words every quantity that the data do not give: functions, squarenesses, scales."""
     functions = [f"{name}" for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is None]
     angles = [name for name in ROTATIONS if name not in result.errors]
     squareness = [f"{name} ({words[f'squareness_{name}']})" for name, q in result.squareness.items() if q.value is None]
@@ -323,7 +329,7 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return how large a slip of the count may be without being noticed, where the result says it (``unseen_slip``)."""
+    """Return the largest unseen slip of the count, if the result has it (``unseen_slip``)."""
     rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in result.unseen_slip or ()]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
     return Table(header=header, rows=rows) if rows else None

@@ -68,7 +68,7 @@ class CounterTrack:
         self._raw = None
 
     def goes_on(self, raw: NDArray[np.int64]) -> bool:
-        """Tell whether rows ``raw``, shape (rows,), at least one, count on by ones from the last row followed; follows nothing."""
+        """Return whether rows ``raw``, shape (rows,), at least one, count on by ones from the last row followed; follows nothing."""
         return self._raw is not None and not self._repeating and int(raw[0]) == self._raw + 1 and bool((raw[1:] - raw[:-1] == 1).all())
 
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:

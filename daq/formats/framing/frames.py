@@ -48,7 +48,7 @@ class FrameBuffer:
         self._quoted = False
 
     def clear(self) -> None:
-        """Forget the half frame."""
+        """Discard the half frame."""
         self._held = b""
 
     def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
@@ -77,7 +77,7 @@ class FrameBuffer:
         return frame.startswith(self._sync) and self._valid(frame)
 
     def _may_begin(self, rest: bytes) -> bool:
-        """Tell whether ``rest`` is nothing or the beginning of a frame still to come."""
+        """Return whether ``rest`` is nothing or the beginning of a frame still to come."""
         return len(rest) < self._size and rest[: len(self._sync)] == self._sync[: len(rest)]
 
     def _next_sync(self, data: bytes, start: int) -> int:

@@ -85,7 +85,7 @@ class AirDecoder:
         self.greeting = settings.greeting.encode("ascii")
 
     def resync(self) -> None:
-        """Forget the half line; the next one may be cut in front and still look whole."""
+        """Discard the half line; the next one may be cut in front and still look whole."""
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()

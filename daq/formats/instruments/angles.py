@@ -62,7 +62,7 @@ class AnglesSettings:
 
 
 class AnglesDecoder:
-    """Decoder of an angular instrument that speaks by itself (`daq.timing.samples.Decoder`).
+    """Decoder of an angular instrument that sends by itself (`daq.timing.samples.Decoder`).
 
     ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host numbers the readings.
     """
@@ -81,7 +81,7 @@ class AnglesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half line; the next one may be cut in front and still look whole."""
+        """Discard the half line; the next one may be cut in front and still look whole."""
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()

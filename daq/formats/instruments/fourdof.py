@@ -84,7 +84,7 @@ class FourdofDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half frame: the stream was interrupted."""
+        """Discard the half frame: the stream was interrupted."""
         self._frames.clear()
         self._lines.skip_line()
 

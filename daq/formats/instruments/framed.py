@@ -116,7 +116,7 @@ class FramesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half frame: the stream was interrupted."""
+        """Discard the half frame: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

@@ -85,7 +85,7 @@ class Ids3010Decoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half answer: a new connection begins with a whole one."""
+        """Discard the half answer: a new connection begins with a whole one."""
         self._lines = LineBuffer(LINE_CAP)
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

@@ -79,12 +79,13 @@ class LasertexDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half frame: the stream was interrupted."""
+        """Discard the half frame: the stream was interrupted."""
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return what the link asks, with all it hears, for an answer: the laser holds the flags of a lost beam until a command drops
-        them, so they are dropped once they have been heard, and never before.
+        """Return the link's answer to the received bytes: the laser holds the flags of a lost beam
+        until a command drops them, so they are dropped once they have been received, and never
+        before.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
 

@@ -1,8 +1,8 @@
 """`line`: any instrument that sends an ASCII line per sample, described by its configuration.
 
 The route for instruments whose wire format is not public: a regular expression with the named
-groups ``position``, ``counter`` and ``beam`` says where the numbers stand. The match takes a time
-linear in the line (RE2), so a line that lost a comma cannot hold up the recording for minutes;
+groups ``position``, ``counter`` and ``beam`` gives the places of the numbers. The match takes a
+time linear in the line (RE2), so a line that lost a comma cannot hold up the recording for minutes;
 features that RE2 lacks (looking ahead or behind, references to groups) are refused.
 """
 
@@ -76,7 +76,9 @@ LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
 """Largest memory of a pattern in bytes; a larger pattern is refused."""
 SAME_LINES = 1024
-"""Kept as they were read: a laser that hangs says the same again and again, and a log holds several such lines in a byte."""
+"""Kept as they were read: a laser that hangs repeats a value, and a log holds several such lines in
+a byte.
+"""
 _NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
 _COUNT = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
 
@@ -114,7 +116,7 @@ class LineDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half line and pass over the rest of it: the stream was interrupted."""
+        """Discard the half line and pass over the rest of it: the stream was interrupted."""
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -179,7 +181,7 @@ class LineDecoder:
         return rows[0]
 
     def _read(self, line: bytes) -> tuple[float, str | None, float] | None:
-        """Return what a line says: position, counter as it stands there, beam."""
+        """Return the values of a line: position, raw counter, beam."""
         try:
             text = line.decode(self._settings.encoding).strip("\r\n")
         except UnicodeDecodeError:

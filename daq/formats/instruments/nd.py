@@ -73,7 +73,7 @@ class NdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half answer: the next one begins with its STX."""
+        """Discard the half answer: the next one begins with its STX."""
         self._line.clear()
         self._axis = 0
 

@@ -69,7 +69,8 @@ def telegram(opcode: int, address: int, index: int = 0, *data: int, correlation:
 class QudisDecoder:
     """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the marker counter: odd while the input is high.
 
-    The protocol tells no strength of the signal and no lost beam: a lost count shows in the size of a step alone.
+    The protocol sends no strength of the signal and no lost beam: a lost count shows in the size of
+    a step alone.
     """
 
     gaps_visible = True
@@ -95,7 +96,7 @@ class QudisDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half telegram: a new connection begins with a whole one."""
+        """Discard the half telegram: a new connection begins with a whole one."""
         self._telegrams = _TelegramBuffer()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

@@ -58,7 +58,7 @@ class TqdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half answer: the stream was interrupted."""
+        """Discard the half answer: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

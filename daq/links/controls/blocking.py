@@ -78,7 +78,9 @@ class Waiter:
 
 
 class BlockingLink(ABC):
-    """A link over such a library. A protocol says how one poll is asked for (`_fetch`) and how a word is written (`_write`)."""
+    """A link over such a library. A protocol defines the request of a poll (`_fetch`) and the
+    writing of a word (`_write`).
+    """
 
     def __init__(self, address: str, timeout_s: float, ranges: Sequence[ReadRange], waiter: Waiter) -> None:
         self.lateness = Lateness(numbered=True)

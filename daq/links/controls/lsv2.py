@@ -1,4 +1,4 @@
-"""Heidenhain controls over LSV2 (TCP 19000): the only code that knows pyLSV2 (extra ``stepdiag[lsv2]``).
+"""Heidenhain controls over LSV2 (TCP 19000): the only user of pyLSV2 (extra ``stepdiag[lsv2]``).
 
 Values that the NC program hands to the PLC by FN 19 lie in the PLC's memory as double words, low
 byte first. Reading them needs the login PLCDEBUG, which the library's safe mode shuts out together
@@ -33,7 +33,7 @@ _FIREWALL = message("firewall-lsv2")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lsv2Settings:
-    """A control that speaks LSV2."""
+    """A control with LSV2."""
 
     host: str
     port: int = 19000
@@ -87,7 +87,8 @@ class Lsv2Link(BlockingLink):
 
 @dataclass(slots=True)
 class _Line:
-    """The library's socket: an end in the middle of an answer is an end, and no answer is as long as its length field may say.
+    """The library's socket: an end in the middle of an answer is an end, and an answer is no longer
+    than its length field may state.
 
     (The library asks an ended connection for the rest for ever, and for as much memory at once as the other side names.)
     """

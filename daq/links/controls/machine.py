@@ -1,4 +1,6 @@
-"""One way to every control: a link is opened, read, maybe written to, closed, whatever protocol the control speaks."""
+"""One way to every control: a link is opened, read, maybe written to, closed, with any protocol of
+the control.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -38,7 +40,9 @@ class MachineLink(Protocol):
 
 
 async def open_machine(settings: MachineSettings, ranges: Sequence[ReadRange]) -> MachineLink:
-    """Connect to the control, whose ``ranges`` are going to be read. Raises DeviceError where it is not there or does not want to."""
+    """Connect to the control, whose ``ranges`` are going to be read. Raises DeviceError for an
+    absent or refusing control.
+    """
     if isinstance(settings, s7.S7Settings):
         return await s7.open_link(settings, ranges)
     if isinstance(settings, lsv2.Lsv2Settings):

@@ -1,4 +1,4 @@
-"""The machine's Modbus: the only code that knows pymodbus (3.16; its API changes within a major version).
+"""The machine's Modbus: the only user of pymodbus (3.16; its API changes within a major version).
 
 One connection reads a block of ranges with the same requests at every poll. The wait for answers is
 short and pymodbus retries nothing: a failed poll is reported as failed, and the next poll reads the
@@ -204,7 +204,9 @@ class ModbusLink:
 
 
 async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> ModbusLink:
-    """Connect to the machine, whose ``ranges`` are going to be read. Raises LostConnectionError where there is nobody or no port."""
+    """Connect to the machine, whose ``ranges`` are going to be read. Raises LostConnectionError for
+    a missing device or port.
+    """
     lateness = Lateness(numbered=isinstance(settings, TcpSettings))
     client = _client(settings, lateness)
     try:

@@ -13,7 +13,7 @@ from stepdiag.base.messages import Message, Words, message
 
 
 class LostConnectionError(DeviceError):
-    """Nobody is there, or the connection ended."""
+    """No device answers, or the connection ended."""
 
 
 class SilentDeviceError(DeviceError):
@@ -84,6 +84,8 @@ def lost(device: str) -> LostConnectionError:
 
 
 def stale(device: str, late: Words = "") -> StaleAnswerError:
-    """Return the error for an answer that belongs to another request; ``late`` says by how much answers are late."""
+    """Return the error for an answer that belongs to another request; ``late`` is the delay of late
+    answers.
+    """
     remedy = late or message("do-timeout")
     return StaleAnswerError(device, expected=message("expects-this-answer"), found=message("found-earlier"), remedy=remedy)

@@ -1,4 +1,4 @@
-"""Siemens controls over S7 communication (ISO on TCP, port 102): the only code that knows python-snap7 (extra ``stepdiag[s7]``).
+"""Siemens controls over S7 communication (ISO on TCP, port 102): the only user of python-snap7 (extra ``stepdiag[s7]``).
 
 All ranges are asked for in one telegram, so a block holds the values of one moment of the control's
 cycle. Nothing is retried inside the library: after a missing answer the connection is given up, and
@@ -42,7 +42,7 @@ _OTHER = re.compile(r"TPKT version|protocol ID")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class S7Settings:
-    """A control that speaks S7."""
+    """A control with S7."""
 
     host: str
     port: int = 102
@@ -57,7 +57,9 @@ class S7Settings:
 
 
 class S7Link(BlockingLink):
-    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` tells seconds."""
+    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` returns
+    seconds.
+    """
 
     def __init__(
         self,

@@ -57,7 +57,7 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 
 
 def can_be_host(name: str) -> bool:
-    """Tell whether a name can be looked up at all: every part of it between two dots has 1 to 63 letters.
+    """Return whether a name can be looked up at all: every part of it between two dots has 1 to 63 letters.
 
     Python refuses others while looking them up, with an error that is none of the network's.
     """

@@ -38,7 +38,7 @@ class Device(Protocol):
     """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on them."""
 
     def fileno(self) -> int:
-        """Return the descriptor that poll(2) tells of bytes."""
+        """Return the descriptor on which poll(2) waits for bytes."""
         ...
 
     def read(self, *, ready: bool) -> bytes:

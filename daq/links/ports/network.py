@@ -37,7 +37,9 @@ _REMEDIES = {
 
 
 def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
-    """Return the open line. Raises DeviceError where nobody is there, or the terminal server does not agree to the settings."""
+    """Return the open line. Raises DeviceError for an absent server, or a terminal server that
+    refuses the settings.
+    """
     connection = _connect(settings.port, line)
     if line.scheme == "socket":
         return NetworkPort(settings.port, connection)

@@ -40,11 +40,13 @@ class OpenPort:
 
     @property
     def wanted(self) -> bool:
-        """Whether nobody has released the port yet."""
+        """Whether the port is not released yet."""
         return not self._released.is_set()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what is there, waiting for the first byte at most ``timeout_s``; nothing where none came or somebody rang."""
+        """Return the waiting bytes, waiting for the first byte at most ``timeout_s``; empty without
+        a byte or after a ring.
+        """
         ready = self._either.poll(timeout_s * 1e3)
         if any(descriptor == self._line for descriptor, _ in ready):
             return self._take(ready=True)
@@ -53,8 +55,8 @@ class OpenPort:
         return b""
 
     def read_on(self) -> bytes:
-        """Return what comes next on a line that always brings something; nothing after a tenth of a second of silence, or where somebody
-        rang before.
+        """Return the next bytes of a busy line; empty after a tenth of a second of silence, or
+        after a ring.
         """
         if self._rang:
             self._quiet()
@@ -69,24 +71,26 @@ class OpenPort:
             raise _loss(self.name, system_words(error)) from error
 
     def pause(self, seconds: float) -> None:
-        """Wait, but not beyond the release of the port, nor where somebody is in a hurry."""
+        """Wait, but not beyond the release of the port, nor during a hurry."""
         if self._rung.poll(max(seconds, 0.0) * 1e3):
             self._quiet()
 
     def hurry(self) -> None:
-        """Say that what is there is wanted now: ends a pause and a read."""
+        """End a pause and a read: the waiting bytes are wanted now."""
         with self._closing:
             if not self._closed:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
     def lost(self) -> dict[LossKind, int]:
-        """Return how often what was lost, as the line itself says (`Device.lost`); nothing where it is closed. From any thread."""
+        """Return the line's own counts of its losses (`Device.lost`); empty for a closed line. From
+        any thread.
+        """
         with self._closing:
             return {} if self._closed else self._device.lost()
 
     def release(self) -> None:
-        """Say that the port is not wanted any more; ends every pause and read from now on."""
+        """Release the port; ends every pause and read from now on."""
         self._released.set()
         self.hurry()
 

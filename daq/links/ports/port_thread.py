@@ -18,7 +18,7 @@ _WATCH_S = 0.25
 _END_TIMEOUT_S = 2.0
 """A thread that hangs in the kernel longer is left to end by itself: it is a daemon thread."""
 EVERY_S = 60.0
-"""A line with steady errors says so once in so long, with all of them since."""
+"""A line with steady errors reports them once in this time in s, with all of them since."""
 
 
 _T = TypeVar("_T")
@@ -63,7 +63,9 @@ class PortThread:
         self._ended: asyncio.Future[Exception | None] = self._loop.create_future()
 
     async def serve(self, report: Report) -> None:
-        """Run the thread until it ends; say when the line is open, silent, and heard again. Raises what ended the thread."""
+        """Run the thread until it ends; report an open line, a silent line, and new bytes. Raises
+        what ended the thread.
+        """
         thread = threading.Thread(target=self._main, name=f"serial {self._settings.port}", daemon=True)
         thread.start()
         try:

@@ -16,7 +16,7 @@ _OURS = (_BINARY, _SUPPRESS_GO_AHEAD, _COM_PORT)
 _THEIRS = (_BINARY, _SUPPRESS_GO_AHEAD)
 _BAUD, _SIZE, _PARITY, _STOP, _CONTROL = 1, 2, 3, 4, 5
 _SERVER = 100
-"""Added to a command by whoever answers it."""
+"""Added to a command in its answer."""
 _PARITIES = {"N": 1, "O": 2, "E": 3}
 _NO_FLOW_CONTROL = 1
 _DTR, _RTS = {True: 8, False: 9}, {True: 11, False: 12}
@@ -28,7 +28,9 @@ State = Literal["data", "iac", "option", "command", "command-iac"]
 
 
 class ComPort:
-    """One connection: what to say, and the data of the line in what is heard. Any split of the bytes gives the same."""
+    """A connection: its answers, and the data of the line in the received bytes. Any split of the
+    bytes gives the same.
+    """
 
     def __init__(self, settings: SerialSettings) -> None:
         self._settings = settings
@@ -41,11 +43,11 @@ class ComPort:
         self.speaks = False
         """Whether the other side has sent anything in Telnet."""
         self.refused: Message | None = None
-        """Why the line cannot be used as asked; None while nothing speaks against it."""
+        """Why the line cannot be used as asked; None while nothing contradicts it."""
 
     @property
     def settled(self) -> bool:
-        """Tell whether every setting is agreed upon."""
+        """Return whether every setting is agreed upon."""
         return bool(self._asked) and self._agreed >= set(self._asked)
 
     @property
@@ -55,7 +57,7 @@ class ComPort:
         return message("line-agreed", baud=line.baud, frame=f"{line.bytesize}{line.parity}{line.stopbits}")
 
     def opening(self) -> bytes:
-        """Return what to say first."""
+        """Return the first bytes to send."""
         return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(bytes((_IAC, _DO, option)) for option in _THEIRS)
 
     def answers(self) -> bytes:
@@ -69,7 +71,7 @@ class ComPort:
         return data.replace(b"\xff", b"\xff\xff")
 
     def feed(self, data: bytes) -> bytes:
-        """Return the data of the line in what was heard."""
+        """Return the data of the line in the received bytes."""
         if self._state == "data" and _IAC not in data:
             return data
         line = bytearray()

@@ -55,7 +55,9 @@ class SerialStream:
     def __init__(
         self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"", responder: Callable[[], Respond] | None = None
     ) -> None:
-        """``greeting`` is sent whenever the line has been opened, to make the instrument speak; ``responder`` makes what answers it."""
+        """``greeting`` is sent whenever the line has been opened, to make the instrument send;
+        ``responder`` makes what answers it.
+        """
         self._settings = settings
         self._on_chunk = on_chunk
         self._greeting = greeting

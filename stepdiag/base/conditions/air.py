@@ -62,7 +62,7 @@ class Air:
     humidity_percent: Vector
 
     def __post_init__(self) -> None:
-        """Take anything array-like and refuse what no sensor in air can say."""
+        """Take anything array-like and refuse impossible values of a sensor in air."""
         fields = zip(("temperature_c", "pressure_hpa", "humidity_percent"), _PLAUSIBLE.items(), strict=True)
         for name, (signal, (low, high)) in fields:
             values = np.asarray(getattr(self, name), dtype=np.float64)
@@ -156,11 +156,11 @@ def correction_factor(index: ArrayLike, done: Done) -> Vector:
 def displacement_mm(reading_mm: ArrayLike, index: ArrayLike, *, zero_index: float, dead_path_mm: float, done: Done) -> Vector:
     """Return the true displacement of the target at every stop, shape (N,).
 
-    ``reading_mm`` is relative to the pass's first stop and grows away from the laser; ``index`` (N,) is the air's at
-    each stop and ``zero_index`` at the first. An instrument that counts in vacuum wavelengths reads
-    ``n (D + L) - n0 D`` with ``D`` the dead path: the distance from the interferometer to the target at the first
-    stop, which no zeroing removes (Agilent 5530 manual, "deadpath distance"). ``done`` says what of this the
-    instrument has undone itself.
+    ``reading_mm`` is relative to the pass's first stop and grows away from the laser; ``index``
+    (N,) is the air's at each stop and ``zero_index`` at the first. An instrument that counts in
+    vacuum wavelengths reads ``n (D + L) - n0 D`` with ``D`` the dead path: the distance from the
+    interferometer to the target at the first stop, which no zeroing removes (Agilent 5530 manual,
+    "deadpath distance"). ``done`` names the corrections already made by the instrument.
     """
     n = np.asarray(index, dtype=np.float64)
     lengths: Vector = np.asarray(reading_mm, dtype=np.float64) * correction_factor(n, done)
@@ -175,7 +175,7 @@ EQUATION_U = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirUncertainty:
-    """Standard uncertainties (k = 1) of what the sensors say of the air in the beam."""
+    """Standard uncertainties (k = 1) of the sensors' values for the air in the beam."""
 
     temperature_c: float
     pressure_hpa: float

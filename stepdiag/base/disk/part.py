@@ -77,7 +77,7 @@ def publish_new(written: Path, target: Path) -> None:
 
 
 def _of_target(target: Path) -> list[Path]:
-    """Return the hidden folders of a target, whoever made them."""
+    """Return the hidden folders of a target, of every maker."""
     name = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(SUFFIX))
     with suppress(OSError), os.scandir(target.parent) as entries:
         return [Path(entry.path) for entry in entries if name.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)]

@@ -39,7 +39,7 @@ class PassKey(NamedTuple):
 
     @property
     def outward(self) -> bool:
-        """Tell whether the pass goes outward (odd) or returns (even)."""
+        """Return whether the pass goes outward (odd) or returns (even)."""
         return self.number % 2 == 1
 
     @property
@@ -190,7 +190,9 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
 
 
 def in_mm(readings: Readings, source: str) -> Readings:
-    """Return readings from elsewhere as they are. Raises ``DataError`` where their volume is so small that somebody wrote metres."""
+    """Return readings from elsewhere as they are. Raises ``DataError`` for a volume so small that
+    it was written in metres.
+    """
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
@@ -273,7 +275,9 @@ def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
-    """Refuse a pass whose stops belong to a stretch of the count in part only: nobody could say what the others are relative to."""
+    """Refuse a pass whose stops belong to a stretch of the count in part only: the reference of the
+    others is unknown.
+    """
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO
         if without.any() and not without.all():

@@ -169,7 +169,9 @@ def _number(word: str, where: str) -> float:
 
 
 def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
-    """Tell whether even runs go back: the flags say so (0 1 2 0: one way only); without flags, where there are two runs."""
+    """Return whether even runs go back: by the flags (0 1 2 0: one way only); without flags, for
+    two runs.
+    """
     flags = texts.get("flags", "").split()
     return flags[:4] != ["0", "1", "2", "0"] if len(flags) >= 4 else runs > 1
 

@@ -34,7 +34,7 @@ class Run:
 
     @property
     def is_fourdof(self) -> bool:
-        """Tell whether the four-degree-of-freedom head makes this run."""
+        """Return whether the four-degree-of-freedom head makes this run."""
         return self.travel.is_fourdof
 
     @property

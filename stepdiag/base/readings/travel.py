@@ -1,4 +1,4 @@
-"""Does a pass drive what its setup says, and does the laser agree? Refusals that name the stop."""
+"""Does a pass follow its setup, and does the laser agree? Refusals that name the stop."""
 
 from collections.abc import Mapping
 

@@ -45,10 +45,12 @@ class UnknownSize:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
-    """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
-    squareness (urad, k = 1), absent where nothing is uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of what a function
-    may do in the middle between two targets beside the straight line. ``sized`` says how the last modes depend on a size that is not
-    known."""
+    """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and
+    ``rest`` (k,) by function (um, urad) and squareness (urad, k = 1), absent where nothing is
+    uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of what a function may do in
+    the middle between two targets beside the straight line. ``sized`` is the dependence of the last
+    modes on an unknown size.
+    """
 
     position_mm: Mapping[str, Vector]
     offset: Mapping[str, Vector]

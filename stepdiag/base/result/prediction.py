@@ -166,8 +166,9 @@ class _Machines(NamedTuple):
         return moved if waves_um is None else moved + waves_um
 
     def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]) -> FieldFigures:
-        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move,
-        ``beside_um`` what `beside_um` says."""
+        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of the
+        motion by all deviations but the offset, ``beside_um`` as in `beside_um`.
+        """
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
         return FieldFigures(

@@ -68,10 +68,12 @@ DECIMALS = 6
 class Function:
     """An error as a function of the position of the axis that moves, shapes (k,), linear between the positions.
 
-    ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the function; ``u_readings`` is the part
-    of u that comes from the readings alone, None in results of version 1. ``slope_identified`` is False
-    where only the shape is known: then the line through the end points is removed, which is not a statement about the slope.
-    Straightness (unit um, names as EYX) always has its end-point line removed and says True: its slope is in the squareness.
+    ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the
+    function; ``u_readings`` is the part of u that comes from the readings alone, None in results of
+    version 1. ``slope_identified`` is False where only the shape is known: then the line through
+    the end points is removed, which is not a statement about the slope. Straightness (unit um,
+    names as EYX) always has its end-point line removed and holds True: its slope is in the
+    squareness.
     """
 
     position_mm: Vector
@@ -223,7 +225,9 @@ _ENTRIES = (
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Tell whether two ``result.json`` say the same but for the tenth of a nanometre by which two processors may differ."""
+    """Return whether two ``result.json`` are equal but for the tenth of a nanometre by which two
+    processors may differ.
+    """
     try:
         first, second = json.loads(one), json.loads(other)
         shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)

@@ -24,7 +24,9 @@ HARMFUL = 0.42
 between them: more than three and a half waves on ten increments.
 """
 LEAST_VALUES = 8
-"""Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
+"""Of fewer values the fourth differences are too few to separate waves from bends: five increments
+would nearly always be called coarse.
+"""
 FINEST_MM = 1e-3
 """Positions closer than this to a node are its own."""
 _SURE = 2.0
@@ -34,14 +36,18 @@ expected.
 FEW_VALUES = 6
 """Of a function with so few values the waves are not separated from their bends: half of what is known (in logarithms) is what is usual."""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are no longer than
-two increments."""
+"""Drawn functions of five half waves leave the curve through so few values by so much more than the
+values show: their waves are no longer than two increments.
+"""
 _AT_ENDS = 4.3
-"""The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves
-(computed for waves of 2.2 to 5 increments); their squares count for four cells of all."""
+"""The spline follows waves less well in its two cells at either end: by 1.34 and 0.59 of the
+residue of a parabola through three values (computed for waves of 2.2 to 5 increments); their
+squares count for four cells of all.
+"""
 _SEEN, _ALIASED = 0.6, 0.45
-"""Cosines of half the turn from value to value: waves down to 3.4 increments look as they are; what looks like less than 2.85 may be a wave
-shorter than two increments, which the spline knows nothing of."""
+"""Cosines of half the turn from value to value: waves down to 3.4 increments look as they are; an
+apparent wave below 2.85 may be shorter than two increments, invisible to the spline.
+"""
 _UNSEEN = 1.2
 """Of such waves functions leave the curve by so much more than a parabola through three values does: drawn functions are less sure at
 their ends."""
@@ -89,7 +95,9 @@ def noise_um_of(function: Function) -> float:
 
 
 def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
-    """Return the functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
+    """Return the functions whose waves are hardly longer than two increments: between the targets
+    they are unknown.
+    """
     names = []
     for name in DISPLACEMENTS:
         value = evenly_spaced(errors[name])
@@ -115,7 +123,8 @@ def _shape_um(value: Vector) -> float:
 def evenly_spaced(function: Function) -> Vector:
     """Return the values at equally distant positions, as far apart as the function's are at most; none of a function without values.
 
-    Only there do bends say how short waves are, and where positions lie closer in places it is no better known everywhere.
+    Only there do bends show the length of waves, and positions that lie closer in places do not
+    improve this elsewhere.
     """
     at = function.position_mm
     if function.value is None or len(at) < 2:
@@ -127,11 +136,12 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
     """Return by how much a function leaves the smooth curve in the middle between two of its values (rms), from how these bend, and the
     standard deviation of the logarithm of that.
 
-    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
-    c = cos(w/2) it leaves the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
-    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends and of waves that may be shorter than they look, all
-    times its size.
-    Waves of nearly two increments look longer than they are.
+    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth
+    differences their square: their ratio gives w. With c = cos(w/2) it leaves the spline of the
+    predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
+    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends and of waves that
+    may be shorter than they look, all times its size. Waves of nearly two increments look longer
+    than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
     if bent == 0.0 or len(value) < 5:

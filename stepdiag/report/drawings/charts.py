@@ -14,7 +14,9 @@ Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT = 460.0, 250.0
 SEEN = 1e-3
-"""Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""
+"""Of the longest bar: a shorter bar shows only the last digits of a computer. The table of the
+figure has it.
+"""
 NEAR_PX = 6.0
 """Largest distance in px from a node at which a pointer finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0

@@ -24,8 +24,9 @@ _TITLE = 24.0
 def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> str:
     """Return the picture as SVG markup.
 
-    ``prediction`` holds the error at ``space.LATTICE`` points per axis, which are drawn: what was measured, less what the tables take away.
-    ``reach`` is what the words over the drawings tell, as intervals: what the readings do not say is in them alone.
+    ``prediction`` holds the error at ``space.LATTICE`` points per axis, which are drawn: what was
+    measured, less what the tables take away. ``reach`` holds the intervals in the words over the
+    drawings: the errors that the readings do not show are in them alone.
     """
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from stepdiag.base.result.rounding import steady
 
 DECIMALS = 9
-"""Less than any instrument can tell; the last bits of a sum, which differ from processor to processor, do not show."""
+"""Less than the resolution of any instrument; the last bits of a sum, which differ from processor
+to processor, do not show.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,7 +35,7 @@ def text(words: str, x: float, y: float, **attributes: str | float) -> str:
 
 
 def titled(words: str, tag: str, **attributes: str | float) -> str:
-    """Return an element that is not seen but says ``words`` under the pointer."""
+    """Return an invisible element that shows ``words`` under the pointer."""
     return element(tag, element("title", escape(words)), class_="titled", **attributes)
 
 
@@ -46,7 +46,9 @@ def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:
 
 
 def drawing(width: float, height: float, label: str, *content: str) -> str:
-    """Return a whole drawing that scales with its place; ``label`` is what a screen reader says."""
+    """Return a whole drawing that scales with its place; ``label`` is the text of a screen
+    reader.
+    """
     return element(
         "svg",
         element("title", escape(label)),

@@ -87,7 +87,9 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class FaultBoard:
-    """Arms faults when their place is reached and tells the devices which are active. Safe to use from several threads."""
+    """Arms faults when their place is reached and gives the devices the active faults. Safe to use
+    from several threads.
+    """
 
     def __init__(self, faults: tuple[Fault, ...] = ()) -> None:
         self._lock = threading.Lock()

@@ -1,4 +1,6 @@
-"""Lines that instruments speak on: a real pseudo-terminal, reached under a stable name as an udev link is, or a real TCP port."""
+"""Lines of instruments: a real pseudo-terminal, reached under a stable name as an udev link is, or
+a real TCP port.
+"""
 
 import errno
 import fcntl
@@ -99,7 +101,7 @@ class SerialLine:
         self._master = self._slave = -1
 
     def end(self) -> None:
-        """Let nobody wait for a reader any more; may be called from another thread."""
+        """End every wait for a reader; may be called from another thread."""
         self._ended.set()
 
     def write(self, data: bytes) -> None:
@@ -189,7 +191,7 @@ class TcpLine:
             self._listener = None
 
     def end(self) -> None:
-        """Nobody waits here."""
+        """There is no wait here."""
 
     def write(self, data: bytes) -> None:
         """Send bytes to the guest; what a guest that does not read has no room for is lost, and so is the guest."""
@@ -220,7 +222,7 @@ class TcpLine:
         return data
 
     def _admit(self) -> None:
-        """Let a new guest in; whoever was there before goes."""
+        """Let a new guest in; the former guest goes."""
         if self._listener is None:
             return
         try:

@@ -39,7 +39,9 @@ from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
 _SEEN, _SEEN_MOVING_S = 0.8, 0.03
-"""Share of a dwell that a patient machine wants to be looked at; wall seconds of a move, which may be shorter than a hold-up."""
+"""Share of a dwell for which a patient machine must be looked at; wall seconds of a move, which may
+be shorter than a hold-up.
+"""
 Tell = Callable[[dict[str, str]], None]
 
 
@@ -228,7 +230,7 @@ class VirtualBench:
         return build_head_device(part, view.look)
 
     def _entered(self, segment: Segment) -> None:
-        """Arm faults, zero the laser after the mirror has been set up, and tell what begins."""
+        """Arm faults, zero the laser after the mirror has been set up, and report the beginning."""
         step, wall_s = segment.step, segment.start_s / self._clock.scale
         self._faults.reach(step.setup, step.pass_number, step.stop, step.kind, wall_s)
         if step.kind != "pause":
@@ -240,7 +242,7 @@ class VirtualBench:
             self._say("finished" if step.beam else "waiting", "")
 
     def _unseen(self, segment: Segment) -> bool:
-        """Tell whether a step must go on because the recorder was held up while it lasted."""
+        """Return whether a step must go on because the recorder was held up while it lasted."""
         scale = self._clock.scale
         wanted_s = _SEEN * segment.step.duration_s / scale if segment.step.kind == "dwell" else _SEEN_MOVING_S
         return self._attention.lacking(segment.start_s / scale, self._clock.wall_s(), wanted_s)

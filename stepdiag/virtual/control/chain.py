@@ -1,4 +1,6 @@
-"""Controls that know the chain of their axes: what functions of single axes, turns and their levers among them, do to the tool."""
+"""Controls with the chain of their axes: the effect of functions of single axes, turns and their
+levers among them, on the tool.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The control at work: where every axis is commanded at any moment, and what the machine says of itself.
+"""The control at work: the commanded place of every axis at any moment, and the machine's signals.
 
 Time is machine time in seconds from the start of the bench. The player only moves forward; readers may look back a little.
 """
@@ -200,7 +200,9 @@ class Player:
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
 
     def _held(self, segment: Segment) -> bool:
-        """Return whether a dwell goes on, or an axis is in position without saying so. With a handshake nobody need look."""
+        """Return whether a dwell goes on, or an axis is in position without saying so. With a
+        handshake no look is needed.
+        """
         shown = segment.step.kind == "move" or (segment.step.kind == "dwell" and segment.step.signalled)
         return shown and self._hold is not None and not self._handshake and self._hold(segment)
 

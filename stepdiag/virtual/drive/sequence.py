@@ -21,8 +21,9 @@ REGISTER_OF_SETUP = {
 class Box:
     """The measured volume, cut in ``increments`` per axis (contract 1).
 
-    ``decimals`` are the places to which whoever wrote the NC program rounded its positions, None for a program that does not round. An
-    ``incremental`` program (G91) states steps: their rounding adds up along the pass.
+    ``decimals`` are the places to which the writer of the NC program rounded its positions, None
+    for a program that does not round. An ``incremental`` program (G91) states steps: their rounding
+    adds up along the pass.
     """
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -38,7 +39,7 @@ def base_name(setup: str) -> str:
 
 
 def register_of(setup: str) -> int:
-    """Return the setup number that the machine shows. Raises ValueError for a name nobody knows."""
+    """Return the setup number that the machine shows. Raises ValueError for an unknown name."""
     try:
         return REGISTER_OF_SETUP[base_name(setup)]
     except KeyError:

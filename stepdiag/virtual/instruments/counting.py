@@ -1,4 +1,4 @@
-"""Instruments that number what they send and say nothing when they get power."""
+"""Instruments that number their samples and send nothing at power-on."""
 
 
 class Counting:

@@ -187,7 +187,7 @@ class VirtualHead:
     def channels(self, pose: Pose, time_s: Array, light: Array | None = None, wobbled: Array | None = None) -> Counts:
         """Return x, y and sum of QD, PSD1 and PSD2 in counts, shape (N, 9).
 
-        ``light`` (N,) is 1 where the beam is free, ``wobbled`` (N,) 1 where somebody wobbles the pointing.
+        ``light`` (N,) is 1 for a free beam, ``wobbled`` (N,) 1 for a wobbled pointing.
         """
         optics = self._optics
         spots = self.spots(pose, time_s, wobbled)

@@ -102,7 +102,7 @@ class Lasertex:
         self._samples = 0
 
     def banner(self) -> bytes:
-        """Forget what was switched on; say nothing."""
+        """Discard the switched settings; send nothing."""
         self._distance = self._weather = self._held = False
         return b""
 
@@ -173,11 +173,13 @@ class Qudis:
 
     @property
     def rate_hz(self) -> float:
-        """Return the readings a second at the average that was set; fixed at what the bench asks for, as a bench's clock is."""
+        """Return the readings a second at the set average; fixed at the bench's rate, as a bench's
+        clock is.
+        """
         return 25_000.0 / 2**5
 
     def banner(self) -> bytes:
-        """Forget every setting; say nothing."""
+        """Discard every setting; send nothing."""
         self._values.clear()
         self._index = 0
         return b""

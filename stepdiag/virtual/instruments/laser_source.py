@@ -49,7 +49,7 @@ class Counter:
         self._held_mm = 0.0
 
     def jump(self, by_um: float) -> None:
-        """Shift everything from now on: somebody has touched the mirror."""
+        """Shift everything from now on: the mirror was touched."""
         self._offset_mm += by_um * 1e-3
 
     def count(self, indicated_mm: Array, beam: Flags) -> Array:

@@ -49,7 +49,7 @@ class Responding(Protocol):
 
 
 class Answering(Protocol):
-    """An instrument that only speaks when asked."""
+    """An instrument that only answers requests."""
 
     def requests(self, received: bytes) -> list[bytes]:
         """Return the complete requests in the stream so far, keep the rest."""
@@ -60,7 +60,7 @@ class Answering(Protocol):
         ...
 
     def watch(self, wall_s: float) -> None:
-        """Go on measuring although nobody asks."""
+        """Go on measuring without requests."""
         ...
 
 

@@ -15,7 +15,7 @@ from stepdiag.virtual.base.faults import FaultBoard, FaultKind
 BREAK_S = 0.1
 """Two looks further apart than this have a break between them."""
 GONE_S = 1.0
-"""Nobody is waited for who has not looked for this long."""
+"""A master that has not looked for this long is not waited for."""
 _REMEMBERED = 20_000
 """Looks: more than any dwell of a patient machine is long."""
 _BLINDING: tuple[FaultKind, ...] = ("plc-silent", "plc-late", "plc-exception", "plc-frozen", "plc-reboot", "stop-flicker")

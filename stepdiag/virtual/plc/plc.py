@@ -72,7 +72,9 @@ class Plc:
             self._player.forget_captured()
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers or bits of the image; raises `ModbusError` outside it or while a fault says so."""
+        """Return registers or bits of the image; raises `ModbusError` outside it or during such a
+        fault.
+        """
         if fault := self._faults.active("plc-exception", self._clock.wall_s()):
             raise ModbusError(int(fault.value) or 4)
         with self._lock:

@@ -65,7 +65,7 @@ class Board:
         return self.rate_hz is not None and abs(self.rate_hz / UMD0_RATE_HZ - 1) > 0.01
 
     def knows(self, code: int, data: int) -> bool:
-        """Tell whether a code says nothing new."""
+        """Return whether a code is a repetition."""
         return self._codes.get(code) == data
 
     def hear(self, code: int, data: int) -> Remark | None:

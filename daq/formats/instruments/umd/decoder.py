@@ -80,7 +80,7 @@ class UmdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Forget the half line and pass over the rest of it: the stream was interrupted."""
+        """Discard the half line and pass over the rest of it: the stream was interrupted."""
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -118,7 +118,9 @@ class UmdDecoder:
         return rows.shape[1] > self._columns[0] and self._track.goes_on(rows[:, _SEQUENCE]) and not self._news(rows)
 
     def _news(self, rows: Rows) -> list[int]:
-        """Return the rows with a code; none where no code says anything new: a board repeats a few of them all the time."""
+        """Return the rows with a code; none if every code is a repetition: a board repeats a few of
+        them all the time.
+        """
         coded = np.flatnonzero(rows[:, _CODE])
         codes = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
         return [] if all(self._board.knows(code, data) for code, data in codes) else coded.tolist()

@@ -98,7 +98,7 @@ def uniform_rows(block: bytes) -> Rows | None:
 
 
 def _plain_signs(block: bytes) -> bool:
-    """Tell whether every minus stands before a digit and after a separator."""
+    """Return whether every minus stands before a digit and after a separator."""
     characters = np.frombuffer(block, dtype=np.uint8)
     minus = characters == _MINUS
     after_none = minus[1:] & (characters[:-1] > _BLANK)
