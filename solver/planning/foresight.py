@@ -22,7 +22,16 @@ from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import effects_of
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.priors import make_prior
-from stepdiag.solver.planning.information import Aim, Machinery, Told, Zone, determined, machinery, told, uncertainties
+from stepdiag.solver.planning.information import (
+    Aim,
+    Machinery,
+    SetupInformation,
+    Zone,
+    determined,
+    information_by_setup,
+    machinery,
+    uncertainties,
+)
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
@@ -51,32 +60,32 @@ class Foresight:
     zone: Zone | None = None
 
     @cached_property
-    def told(self) -> Told:
-        """Return what its setups tell."""
-        return told(self.layout, self.chain, self.assumed)
+    def by_setup(self) -> SetupInformation:
+        """Return the information of each setup."""
+        return information_by_setup(self.layout, self.chain, self.assumed)
 
     @cached_property
     def information(self) -> Vector:
-        """Return what all of them tell together."""
-        matrix: Vector = np.sum(self.told.each, axis=0)
+        """Return the information of all setups together."""
+        matrix: Vector = np.sum(self.by_setup.each, axis=0)
         return matrix
 
     @cached_property
     def of(self) -> Machinery:
-        """Return what the unknowns are to the machine."""
-        return machinery(self.told, self.aim, self.zone)
+        """Return how the unknowns act on the machine."""
+        return machinery(self.by_setup, self.aim, self.zone)
 
     @cached_property
     def known(self) -> dict[str, bool]:
-        """Return by name what the survey will identify."""
-        found = determined(self.told, self.information, usual_sizes_of(self.assumed))
+        """Return by name whether the survey will identify a quantity."""
+        found = determined(self.by_setup, self.information, usual_sizes_of(self.assumed))
         return {**dict.fromkeys(DISPLACEMENTS, True), **found}
 
     @cached_property
     def u(self) -> dict[str, float]:
         """Return the standard uncertainties (k = 1) that the adjustment of these stops will state, by name: root mean square over a
         function's nodes, absent where not identified."""
-        found = uncertainties(self.told, self.information, self.of)
+        found = uncertainties(self.by_setup, self.information, self.of)
         return {name: u for name, u in found.items() if self.known[name]}
 
     @cached_property
@@ -132,7 +141,7 @@ class Foresight:
     @cached_property
     def _mixed(self) -> tuple[MixedFit, Design]:
         design = build_design(self.layout, self.chain, Model(misses=self.assumed.repeatability_um > 0.0))
-        effects = effects_of(self.layout, self.chain, self.told.shapes, self.assumed)
+        effects = effects_of(self.layout, self.chain, self.by_setup.shapes, self.assumed)
         prior = make_prior(design, {})
         u = np.concatenate([Scatter.assumed(self.layout, self.assumed).u_um(self.layout), self.assumed.repeatability_um * prior.u])
         fixed = fit(design.rows.followed_by(prior.rows), design.blocks, np.zeros(len(u)), 1.0 / u**2)

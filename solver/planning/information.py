@@ -49,7 +49,7 @@ displacements that say as little: beside the larger rounding is 1e-8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
+class SetupInformation:
     """The information of the setups of a layout in its order, shape (setups, q, q), and what its unknowns mean."""
 
     each: Vector
@@ -58,8 +58,8 @@ class Told:
     assumed: Assumptions
 
 
-def told(layout: Layout, chain: str, assumed: Assumptions) -> Told:
-    """Return what each setup of a layout tells. Raises ``UsageError`` for a chain that is none."""
+def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
+    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is none."""
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = (*effects_of(layout, chain, shapes, assumed), effect_between(layout, between_of(layout)))
@@ -68,7 +68,7 @@ def told(layout: Layout, chain: str, assumed: Assumptions) -> Told:
     own = np.hstack([effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)])
     rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
     each = [_information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um) for mine in rows]
-    return Told(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
+    return SetupInformation(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
@@ -98,7 +98,7 @@ def _information(design: Design, mine: NDArray[np.int64], common: Vector, own: V
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Machinery:
-    """What the unknowns of `told` are to a machine: its values ``K m``, the error over the volume, and what is usual.
+    """What the unknowns of `information_by_setup` are to a machine: its values ``K m``, the error over the volume, and what is usual.
 
     ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) F, projected on what the aim's tables hold; ``floor_um`` what
     these cannot. ``usual`` (r, q) are combinations that are nothing within ``usual_u`` (r,) by ``usual_names``; ``causes`` (q,) the
@@ -143,7 +143,7 @@ def inverse(matrix: Vector) -> Vector:
     return symmetric
 
 
-def machinery(found: Told, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
+def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
     """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts, all of it without one."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
@@ -198,7 +198,7 @@ def _fields(
     return tables, free - tables
 
 
-def determined(found: Told, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
+def determined(found: SetupInformation, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
     """Return by name whether a survey determines a quantity, and better than it is ``usual``, were the angles known.
 
     In um, urad, um/m. Where displacements may be anything, what no setup tells is uncertain by as much.
@@ -209,7 +209,7 @@ def determined(found: Told, information: Vector, usual: Mapping[str, float]) -> 
     return {name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2) for name in names.groups}
 
 
-def uncertainties(found: Told, information: Vector, of: Machinery) -> dict[str, float]:
+def uncertainties(found: SetupInformation, information: Vector, of: Machinery) -> dict[str, float]:
     """Return by name the root mean square of the standard uncertainty over a function's nodes, from the readings and the usual sizes of
     causes alone."""
     names, displacements = reported(found.design), found.design.columns.machine

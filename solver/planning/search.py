@@ -120,7 +120,7 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 
 class Exchange:
-    """What the lines on offer tell where they are driven in one way, and the search among them.
+    """Information of the lines on offer, driven in one way, and the search among them.
 
     ``done`` are runs that are driven already, each in its own way; the last of them still stands. Lines are weighed on ``weighed_on``
     increments.
@@ -139,9 +139,9 @@ class Exchange:
         self._ahead = Foresight(
             layout=layout, chain=about.chain, assumed=about.assumed, increments=weighed_on, aim=about.aim, zone=about.zone
         )
-        each = dict(zip((setup.name for setup in layout.setups), self._ahead.told.each, strict=True))
+        each = dict(zip((setup.name for setup in layout.setups), self._ahead.by_setup.each, strict=True))
         names = iter(run.setup for run in named)
-        nothing = np.zeros_like(self._ahead.told.each[0])
+        nothing = np.zeros_like(self._ahead.by_setup.each[0])
         self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
         self._head = np.array([run.is_fourdof for run in lines])
@@ -274,7 +274,7 @@ class Search:
         self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
-        """Return what the lines tell where all are driven in one way."""
+        """Return the information of the lines, all driven in one way."""
         if ways not in self._made:
             self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
         return self._made[ways]
@@ -314,7 +314,7 @@ class Search:
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
     """Return the precision that runs of a head give pitch and yaw beside what is usual, by unknown."""
-    shapes, added = ahead.told.shapes, np.zeros(len(ahead.of.causes))
+    shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)
     for name in shapes.names:
