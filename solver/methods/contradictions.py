@@ -1,4 +1,4 @@
-"""Scatter far beyond any machine's: that is no machine but a mistake, and it must not be exported before its cause is found."""
+"""Scatter far beyond any machine's: a mistake, not to be exported before its cause is found."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,9 @@ from stepdiag.solver.adjustment.scatter import Scatter
 FAR = 10.0
 """So many times the usual limit stops an export."""
 REPEATS_UM = 5.0
-"""Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a pass that moved."""
+"""Repeatability of an approach, three times that of a worn machine: beyond it a mirror, a beam or a
+pass has moved.
+"""
 
 
 def contradictions(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
