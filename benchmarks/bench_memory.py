@@ -1,12 +1,17 @@
-"""Whether memory stays flat over a day: the recording's own code on a simulated clock, in a process of its own."""
+"""Whether memory stays flat: a day of recording on a simulated clock, a week of links that are lost; each in a process of its own."""
 
+import asyncio
 import gc
+import logging
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import structlog
 
 from benchmarks.bench_replay import BLOCK, SECOND_NS
 from benchmarks.stand import SURVEY
@@ -25,13 +30,16 @@ MOST_OBJECTS = 10_000
 """More than these kept in a day are something kept of every seventeenth poll."""
 PASS_S, PAUSE_S = 3600, 10
 """A pass an hour, each in a log of its own."""
+LOST_A_DAY, MB_A_DAY = 2160, 1.0
+"""A link that is lost every 40 s; by how much memory may grow in a day of them. The first day's is not counted: caches fill."""
+_WAIT_S = 0.002
+"""Between two attempts here, where the recorder waits 0.05 to 1 s."""
 
 
 def rows(hours: float) -> list[Row]:
     """Return the row of a long survey."""
     command = [sys.executable, "-m", "benchmarks.bench_memory", str(hours)]
-    told = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
-    first, last, objects, lasted = told
+    first, last, objects, lasted = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
     grown = last - first
     return [
         Row(
@@ -40,8 +48,23 @@ def rows(hours: float) -> list[Row]:
             f"first pass: {first:.0f} MB, {hours * 3600 * POLL_HZ:.0f} polls",
             goal=f"within 5 MB and {MOST_OBJECTS} objects",
             met=grown <= 5 and objects <= MOST_OBJECTS,
-        )
+        ),
+        _lost_links(7 if hours >= 24 else 2),
     ]
+
+
+def _lost_links(days: int) -> Row:
+    """Return the row of links that are lost for so many days."""
+    command = [sys.executable, "-m", "benchmarks.bench_memory", "lost", str(days)]
+    first, last, lasted = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+    slope = (last - first) / (days - 1)
+    return Row(
+        f"memory over {days} days with the laser lost every 40 s, in {lasted:.0f} s",
+        f"{last:.1f} MB, {slope:.2f} MB a day",
+        f"after the first day: {first:.1f} MB; {days * LOST_A_DAY} times lost, the machine beside it",
+        goal=f"{MB_A_DAY:g} MB a day",
+        met=slope <= MB_A_DAY,
+    )
 
 
 def resident_mb() -> float:
@@ -91,11 +114,76 @@ def _code(number: int) -> tuple[int, int]:
     return {2: (8, LINES_HZ * 100), 3: (10, 6000)}.get(number % 32, (0, 0))
 
 
+async def lose(days: int, folder: Path) -> tuple[float, float]:
+    """Keep real links to a laser and a machine that go away at once; return the memory after the first day and after the last."""
+    from stepdiag.daq.links import reconnect
+    from stepdiag.daq.log.recorder import Recorder
+    from stepdiag.daq.recording.session import Round, Session
+    from stepdiag.daq.recording.survey_links import SurveyLinks
+    from stepdiag.daq.records.events import Event, LinkEvent
+    from stepdiag.daq.survey.file import parse_survey
+
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))  # the figures stand alone on the output
+    reconnect.FIRST_WAIT_S = reconnect.LONGEST_WAIT_S = _WAIT_S
+    command = [sys.executable, "-m", "benchmarks.bench_memory", "away"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as away:  # noqa: ASYNC220  # nothing runs beside it yet
+        assert away.stdout is not None
+        laser, machine = map(int, away.stdout.readline().split())
+        text = SURVEY.format(laser=f"socket://127.0.0.1:{laser}", plc_port=machine, page="false", page_port=8420)
+        survey, recorder = parse_survey(text, "bench"), Recorder(lambda _: None)
+        begun = Round(folder / "0001", {"machine": "bench"})
+        session = Session(survey, text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18)
+        lost, told = 0, list[float]()
+
+        def consume(event: Event) -> None:
+            nonlocal lost
+            session.consume(event)
+            if isinstance(event, LinkEvent) and event.link == "laser" and event.state == "lost":
+                lost += 1
+                if lost % LOST_A_DAY == 0:
+                    gc.collect()
+                    told.append(resident_mb())
+
+        keeping = asyncio.create_task(SurveyLinks(survey, consume).run())
+        try:
+            while len(told) < days:  # counted where the events come
+                await asyncio.sleep(0.1)
+                if keeping.done():
+                    keeping.result()
+        finally:
+            keeping.cancel()
+            away.kill()
+            session.close(message("closed-stopped"))
+            recorder.stop(60)
+    return told[0], told[-1]
+
+
+async def go_away() -> None:
+    """Be a laser that sends two lines and a machine that answers once; print their ports."""
+
+    async def laser(_: asyncio.StreamReader, to: asyncio.StreamWriter) -> None:
+        to.write(b"".join(b"100000 100000 %d 0 0 %d 0 0\r\n" % (1000 + at, at) for at in range(2)))
+        to.close()
+
+    async def machine(asked: asyncio.StreamReader, to: asyncio.StreamWriter) -> None:
+        head = await asked.readexactly(12)
+        data = bytes(2 * int.from_bytes(head[10:12], "big"))
+        to.write(head[:2] + struct.pack(">HHBBB", 0, 3 + len(data), head[6], head[7], len(data)) + data)
+        to.close()
+
+    servers = [await asyncio.start_server(each, "127.0.0.1", 0) for each in (laser, machine)]
+    sys.stdout.write(" ".join(str(each.sockets[0].getsockname()[1]) for each in servers) + "\n")
+    sys.stdout.flush()
+    await asyncio.Event().wait()
+
+
 def main() -> None:
-    """Simulate and print memory at the beginning, at the end, objects gained, and how long it took."""
+    """Simulate and print memory at the beginning, at the end, objects gained where they are counted, and how long it took."""
+    if sys.argv[1] == "away":
+        asyncio.run(go_away())
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
-        told = simulate(float(sys.argv[1]), Path(name))
+        told = asyncio.run(lose(int(sys.argv[2]), Path(name))) if sys.argv[1] == "lost" else simulate(float(sys.argv[1]), Path(name))
     sys.stdout.write(f"{' '.join(map(str, told))} {time.monotonic() - began}\n")
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.errors import StepdiagError
-from stepdiag.base.files import HASH_SUFFIX, read_hashed
+from stepdiag.base.files import HASH_SUFFIX, read_text
 from stepdiag.base.readings.readings import render_readings
 from stepdiag.certificate import custody
 from stepdiag.certificate.custody import verify_certificate
@@ -108,7 +108,7 @@ def store_that_is_shown(folder: Path) -> tuple[list[Path], Holds]:
 def result_beside_its_hash(folder: Path) -> tuple[list[Path], Holds]:
     """The result of a survey's folder, which report, export and page read."""
     result = finished_survey(folder) / "result.json"
-    return [result], lambda: bool(read_hashed(result))
+    return [result], lambda: bool(read_text(result))
 
 
 PLACES = (

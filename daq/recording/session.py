@@ -36,7 +36,7 @@ from stepdiag.daq.survey.formats import decoders, promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
-from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.daq.timing.stream import Break, StreamBuffer, last_of_each
 from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
@@ -288,6 +288,7 @@ class Session:
             self._hear(event)
         elif isinstance(event, LinkEvent) and event.interrupts and event.link in self._idle:
             self._idle[event.link].interrupted(event.time_ns)
+            self._idle[event.link].forget_breaks()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
@@ -300,6 +301,7 @@ class Session:
         """Follow a stream while nothing is recorded of it."""
         if chunk.stream in self._idle:
             self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
+            self._idle[chunk.stream].forget_breaks()
         for found in self._listening.take(chunk):
             self._heed(found)
 
@@ -350,7 +352,7 @@ class Session:
         events, self._before, self._before_bytes = list(self._before), deque(), 0
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
-        breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
+        breaks = last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks, beyond=self._beyond)
         believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
         start = msgspec.structs.replace(
@@ -466,10 +468,3 @@ class Session:
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
     """Return what is listened to between two logs."""
     return {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items() if stream != "head"}
-
-
-def _last_of_each(breaks: tuple[Break, ...]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last unwatched time: a single loss of each kind counts
-    as much as many.
-    """
-    return tuple({event.watched: event for event in breaks}.values())

@@ -134,7 +134,7 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     """The whole file. A file of version 1 does not state the method behind its fields; a missing
-    field is taken for ideal.
+    field, but a curve, is taken for ideal.
     """
 
     head: HeadIdentity
@@ -168,11 +168,9 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
-        """Return the fields not measured yet; none of a file of version 1."""
-        if self.head.version == 1:
-            return []
+        """Return the fields not measured yet; of a file of version 1 the curves alone."""
         tables = msgspec.to_builtins(self)
-        return [name for name in names if _at(tables, name) is None]
+        return [name for name in names if _at(tables, name) is None and (self.head.version > 1 or name in CURVES)]
 
 
 def require_measured(file: HeadFile, source: str, names: Sequence[str] | None = None) -> None:

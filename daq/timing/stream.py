@@ -8,7 +8,7 @@ keeps the arrival of its own chunk, and old samples are discarded by whole chunk
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 
@@ -165,6 +165,11 @@ class StreamBuffer:
         self._settle()
         self._decoder.resync()
         self._breaks.append(Break(at_ns, reason, watched=False))
+
+    def forget_breaks(self) -> None:
+        """Keep the last loss of count and the last time unwatched: for a stream that is followed for weeks and not recorded."""
+        if len(self._breaks) > 2:
+            self._breaks = list(last_of_each(self._breaks))
 
     def newest_ns(self) -> float:
         """Return the time of the newest sample; minus infinity before the first."""
@@ -347,6 +352,11 @@ LOSSES: Mapping[Flag, Message] = {
     Flag.HEAD_ERROR: message("laser-head-error"),
     Flag.SLEW: message("moved-too-fast"),
 }
+
+
+def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
+    """Return the last loss of count and the last time unwatched: one of each states as much as many."""
+    return tuple({event.watched: event for event in breaks}.values())
 
 
 def _describe(flags: int) -> Message:

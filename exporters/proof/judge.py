@@ -20,6 +20,7 @@ than U of the survey's own readings.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, product
 from typing import Literal
 
@@ -30,7 +31,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.readings.readings import Readings
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, rms
-from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed
+from stepdiag.exporters.proof.change import changes, columns, exchanged, regressed, ways_of
 from stepdiag.exporters.safety.verdicts.regression import SIZED, Measured
 from stepdiag.exporters.safety.verdicts.verdict import Code
 from stepdiag.exporters.tables.tables import Table
@@ -65,10 +66,12 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """The verdicts, and what to do: keep the tables, restore the control, or drive again."""
+    """The verdicts, and what to do: keep the tables, restore the control, or drive on: the setups of the survey that show most of what is
+    not decided are ``further``. Repeating the run shows no more: what it leaves open is how its set-up leans."""
 
     tables: tuple[Proved, ...]
     sigma_um: float
+    further: tuple[str, ...] = ()
 
     @property
     def action(self) -> Literal["keep", "restore", "undecided"]:
@@ -169,7 +172,16 @@ def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Ta
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
         best = found
-    return Proof(tables=tuple(_proved(case, best, name, result) for name in case.seen), sigma_um=case.fit.sigma_um)
+    proved = tuple(_proved(case, best, name, result) for name in case.seen)
+    rest = [name for name in dict.fromkeys(before.setup) if name not in after.setup]
+    seen = {name: columns(case.tables, [way for way, _ in ways_of(before, [name])]) for name in rest}
+
+    def shown_um(function: str, setup: str) -> float:
+        return float(np.std(seen[setup][function])) if function in seen[setup] else 0.0
+
+    missing = [each.function for each in proved if each.state == "undecided"] if rest else []
+    further = dict.fromkeys(max(rest, key=partial(shown_um, name)) for name in missing)
+    return Proof(tables=proved, sigma_um=case.fit.sigma_um, further=tuple(further))
 
 
 def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Place, message
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
@@ -18,7 +18,7 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.evidence import HIDDEN, tell
 from stepdiag.solver.adjustment.explanations import along_the_way_m
-from stepdiag.solver.adjustment.scatter import FIRST
+from stepdiag.solver.adjustment.scatter import FIRST, Scatter
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
@@ -31,6 +31,10 @@ DRIFT_LIMIT_UM = 2.0
 IN_TIME = ("drift", "wander", "wandering pass")
 """Effects of the adjustment that a count has in the course of its time."""
 NOISE_LIMIT_UM = 1.0
+FAR_NOISE = 10.0
+"""So many times the limit stops an export."""
+REPEATS_UM = 5.0
+"""Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a pass that moved."""
 TOO_LOW = 2.0
 """A setup that scatters by so many times what its stops state states too little: a fifth more or less is chance."""
 GREW_UM_M, GREW_SURE = 5.0, 3.0
@@ -204,7 +208,8 @@ def scale_findings(found: Adjustment) -> list[Finding]:
 def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
     per_setup = [one for name, report in reports.items() for one in _of_setup(name, report)]
-    return [*per_setup, *_poor(reports), *scatter_findings(found), *growth_findings(found), *scale_findings(found)]
+    beyond = (*scatter_findings(found), *growth_findings(found), *scale_findings(found))
+    return [*per_setup, *_poor(reports), *beyond, *_no_machines(reports, found.scatter)]
 
 
 def scatter_findings(found: Adjustment) -> list[Finding]:
@@ -265,12 +270,24 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     its setups.
     """
     messages = []
-    if noisy := _above({name: report.noise_um for name, report in reports.items()}):
+    if noisy := _above(reports, "noise_um"):
         messages.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
-    if poor := _above({name: report.repeatability_um for name, report in reports.items()}):
+    if poor := _above(reports, "repeatability_um"):
         messages.append(message("noise-high.repeatability", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
     return [finding("warning", words) for words in messages]
 
 
-def _above(sizes_um: Mapping[str, float | None]) -> dict[str, float]:
-    return {name: size for name, size in sizes_um.items() if size is not None and size > NOISE_LIMIT_UM}
+def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
+    """Return an error for the machine, and for each setup, whose scatter is no machine's but a mistake: its cause is to be found first."""
+    repeats_um, times = scatter.repeatability_um, FAR_NOISE
+    found = [finding("error", message("noise-high.machine", repeatability_um=repeats_um))] if repeats_um > REPEATS_UM else []
+    for name, um in _above(reports, "noise_um", times).items():
+        found.append(finding("error", message("noise-high.reading", setup=name, u_um=um, times=times), Place(setup=name)))
+    for name, um in _above(reports, "repeatability_um", times).items():
+        found.append(finding("error", message("noise-high.stop", setup=name, u_um=um, times=times), Place(setup=name)))
+    return found
+
+
+def _above(reports: Mapping[str, SetupReport], figure: Literal["noise_um", "repeatability_um"], times: float = 1.0) -> dict[str, float]:
+    sizes_um = {name: getattr(report, figure) or 0.0 for name, report in reports.items()}
+    return {name: size for name, size in sizes_um.items() if size > times * NOISE_LIMIT_UM}

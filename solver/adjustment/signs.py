@@ -16,6 +16,8 @@ from stepdiag.solver.linear.components import likelier
 from stepdiag.solver.linear.fit import refit
 from stepdiag.solver.linear.mixed import MixedFit
 
+BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
+"""Twice the logarithm of what the likelihood must gain by the other sign to have `ODDS` of being it."""
 LEAST, MOST = 0.6, 1.6
 """Sizes between which the other sign is meant, beside what is wrong as well."""
 
@@ -25,8 +27,7 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
 
     ``turned`` holds for each function by what its other sign changes the target of the fit, shape (rows,); the sizes of all causes stay.
     """
-    better = _better()
-    names = [name for name in turned if _square(current, turned[name]) > better]
+    names = [name for name in turned if _square(current, turned[name]) > BETTER]
     target = current.fixed.target
     while names:
         changes = [turned[name] for name in names]
@@ -39,19 +40,14 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
             break
         names = meant
     whole = _of(current, target + sum(turned[name] for name in names))
-    return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > better]
+    return [name for name in names if likelier(whole, _of(current, whole.fixed.target - turned[name])) > BETTER]
 
 
 def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     """Return the functions whose other sign changes no reading visibly, ``turned`` as in
     `wrong_signs`.
     """
-    return [name for name, change in turned.items() if _square(current, change) <= _better()]
-
-
-def _better() -> float:
-    """Return by how much twice the log likelihood has to rise for the other sign to be named."""
-    return 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
+    return [name for name, change in turned.items() if _square(current, change) <= BETTER]
 
 
 def _square(current: MixedFit, target: Vector) -> float:

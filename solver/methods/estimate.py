@@ -19,7 +19,6 @@ from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclos
 from stepdiag.solver.adjustment.slips import slips_report
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
-from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
 from stepdiag.solver.methods.doubt import doubt_findings
 from stepdiag.solver.methods.finer import finer
@@ -173,7 +172,6 @@ def solve_estimate(
         *_missing(done),
         *found.findings,
         *setup_findings(found, reports),
-        *contradictions(reports, found.scatter),
         *standards_findings(layout),
         *temperature_findings(layout.temperature_c, found.assumed),
     )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 from stepdiag.api.plots import plot_closure, plot_field, plot_functions
 from stepdiag.api.recorded import RecordedLog, read_log
 from stepdiag.api.tables import frame, table
-from stepdiag.base.files import read_hashed, read_text, write_hashed
+from stepdiag.base.files import read_text, write_hashed
 from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.certificate.custody import Verified, verify_certificate
@@ -86,7 +86,7 @@ def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
 
 def load_result(path: Path | str) -> Result:
     """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as `load_readings`."""
-    return parse_result(read_hashed(Path(path)), Path(path).name)
+    return parse_result(read_text(Path(path)), Path(path).name)
 
 
 def save_result(result: Result, path: Path | str) -> None:

@@ -65,11 +65,25 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
 
 
 def read_text(path: Path) -> str:
-    """Return a text file in UTF-8. Raises UsageError for an unreadable file, DataError for a file
-    too large or not UTF-8.
+    """Return a text file in UTF-8 whose bytes have the hash that stands beside it; where none does, as it stands: another program wrote it.
+
+    A digit that a disk turned over would be another figure. Raises UsageError where it cannot be read, DataError where it is too large,
+    not UTF-8, or of another hash.
     """
+    data, beside = read_bytes(path), _hash_beside(path)
+    if beside.is_file():
+        require_hash(data, read_bytes(beside, largest=LARGEST_SETTINGS_BYTES), str(path), beside.name)
     # spreadsheets begin a CSV with a byte order mark
-    return as_text(read_bytes(path), str(path)).removeprefix("\ufeff")
+    return as_text(data, str(path)).removeprefix("\ufeff")
+
+
+def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
+    """Raise DataError where bytes have another SHA-256 than the ``line`` of sha256sum in the file ``beside`` states."""
+    found = hashlib.sha256(data).hexdigest()
+    # the name behind it is no part: file and hash may have been copied to another one
+    if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
+        expected = f"SHA-256 {as_text(line[:64], beside)}"
+        raise DataError(where, expected=expected, found=found, remedy=message("make-it-again", name=beside))
 
 
 def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
@@ -106,33 +120,18 @@ def write_once(path: Path, text: str) -> None:
     write_together({path: text.encode("utf-8")}, over=False)
 
 
+def hashed(files: Mapping[Path, str]) -> dict[Path, bytes]:
+    """Return text files, each with its SHA-256 beside it (``NAME.sha256``, as ``sha256sum --check`` reads it), to be written together."""
+    found = {}
+    for path, text in files.items():
+        found[path] = text.encode("utf-8")
+        found[_hash_beside(path)] = f"{hashlib.sha256(found[path]).hexdigest()}  {path.name}\n".encode()
+    return found
+
+
 def write_hashed(path: Path, text: str) -> None:
-    """Write a text file and beside it its SHA-256 (``NAME.sha256``, in the format of ``sha256sum
-    --check``), both or neither.
-
-    The same bytes may be written again; other bytes are refused (UsageError).
-    """
-    data = text.encode("utf-8")
-    line = f"{hashlib.sha256(data).hexdigest()}  {path.name}\n"
-    write_together({_hash_beside(path): line.encode("utf-8"), path: data}, over=False)
-
-
-def read_hashed(path: Path) -> str:
-    """Return a text file whose bytes have the hash beside it; without a hash, the text unchecked:
-    another program wrote it.
-
-    A digit changed by a disk would be another figure. Raises DataError for other bytes, and as
-    `read_text`.
-    """
-    data = read_bytes(path)
-    if _hash_beside(path).is_file():
-        stated, found = read_bytes(_hash_beside(path), largest=LARGEST_SETTINGS_BYTES), hashlib.sha256(data).hexdigest()
-        # the name behind the hash is not checked: file and hash may have been copied to another
-        # name
-        if stated[:66] != f"{found}  ".encode("ascii") or not stated.endswith(b"\n"):
-            expected = f"SHA-256 {as_text(stated[:64], _hash_beside(path).name)}"
-            raise DataError(str(path), expected=expected, found=found, remedy=message("result-solve-again"))
-    return as_text(data, str(path)).removeprefix("\ufeff")
+    """Write a text file and its hash, both or neither. The same bytes may be written again; other bytes are refused (UsageError)."""
+    write_together(hashed({path: text}), over=False)
 
 
 def _hash_beside(path: Path) -> Path:

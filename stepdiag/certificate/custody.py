@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 
 from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import DataError, StepdiagError
-from stepdiag.base.files import as_text, read_bytes, read_hashed, read_text
+from stepdiag.base.files import as_text, read_bytes, read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.members import Source
 from stepdiag.base.result.result import Result, parse_result, same_result
@@ -113,7 +113,7 @@ def _sources(result: Result) -> list[Link]:
 
 
 def _read(path: Path) -> Result:
-    return parse_result(read_hashed(path), path.name)
+    return parse_result(read_text(path), path.name)
 
 
 def accepted_in(folder: Path) -> list[str]:
@@ -196,7 +196,9 @@ def custody_of(root: ET.Element) -> list[Link]:
 
 def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
     """Return where each link stands in the folders. Raises BrokenLinkError for the first that does not."""
-    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()][:MOST_FILES]
+    # a copy below, such as that of a replay, stands behind what it was copied from
+    found = sorted((path for folder in folders for path in folder.rglob("*")), key=lambda path: (len(path.parts), path))
+    files = [path for path in found if path.is_file()][:MOST_FILES]
     named = {name for _, name, _ in links}
     hashes = {path: _hash(path) for path in files if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}}
     held = {}

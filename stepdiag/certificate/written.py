@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.base.files import read_bytes, read_hashed, write_together
-from stepdiag.base.result.result import parse_result
+from stepdiag.base.files import read_bytes, read_text, write_together
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.certificate.archival import archival
 from stepdiag.certificate.custody import LETTERHEAD, PROFILE, REPORT, accepted_in, links_of
 from stepdiag.certificate.document import certificate_of
@@ -42,8 +42,7 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
     named = ((REPORT, beside.report), (LETTERHEAD, beside.letterhead), (PROFILE, beside.profile))
     given = [*(("file", path) for path in beside.files), *((role, path) for role, path in named if path is not None)]
     links = links_of(result, beside.laboratory, left=beside.left, files=given)
-    found, left = (None if path is None else parse_result(read_hashed(path), path.name) for path in (result, beside.left))
-    assert found is not None
+    found, left = _read(result), None if beside.left is None else _read(beside.left)
     accepted = accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
     data = document(certificate_of(found, read_laboratory(beside.laboratory), links, left=left, accepted=accepted))
     if beside.key is not None and beside.key_certificate is not None:
@@ -53,3 +52,7 @@ def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None 
         written[pdf] = archival(printed(read_bytes(beside.report)), out.name, data)
     write_together(written, over=False)
     return len(links)
+
+
+def _read(path: Path) -> Result:
+    return parse_result(read_text(path), path.name)

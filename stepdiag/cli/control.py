@@ -160,12 +160,12 @@ def import_(
     if len(files) != 1 or not chain:
         raise UsageError("import", expected=message("import-options"), found=" ".join(files))
     file = Path(files[0])
-    from stepdiag.base.files import read_bytes, write_new
+    from stepdiag.base.files import read_bytes, write_hashed
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.neutral import etalon
 
     found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
-    write_new(out, found.to_json())
+    write_hashed(out, found.to_json())
     print_words(message("imported-result", path=str(out)))
 
 

@@ -99,7 +99,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.
     """
-    from stepdiag.base.files import read_hashed
+    from stepdiag.base.files import read_text
     from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
 
@@ -110,7 +110,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     if {".csv", ".mcap"} & set(path.suffixes):
         remedy = message("command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]))
         raise UsageError(str(path), expected=message("result-in-file", name=RESULT), found=message("source-of-result"), remedy=remedy)
-    return parse_result(read_hashed(file), name or file.name)
+    return parse_result(read_text(file), name or file.name)
 
 
 def _distinct(paths: list[Path]) -> list[str]:

@@ -134,7 +134,7 @@ def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> N
     """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder. Raises DataError or UsageError."""
     import numpy as np
 
-    from stepdiag.base.files import read_text, write_together
+    from stepdiag.base.files import hashed, read_text, write_together
     from stepdiag.base.readings.readings import render_readings
     from stepdiag.fourdof.tables import angles_of, columns_named, parse_run, readings_of, straightness_of
     from stepdiag.solver.model.angles import render_angles
@@ -150,7 +150,7 @@ def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> N
         "angles.csv": render_angles(angles) if angles else "",
         "straightness.csv": render_straightness(straightness) if straightness else "",
     }
-    write_together({out / name: text.encode("utf-8") for name, text in texts.items() if text}, over=False)
+    write_together(hashed({out / name: text for name, text in texts.items() if text}), over=False)
     for name, text in texts.items():
         if text:
             typer.echo(str(out / name))

@@ -16,7 +16,7 @@ import msgspec
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
-from stepdiag.base.files import as_text, holds, write_atomically, write_hashed, write_once
+from stepdiag.base.files import as_text, hashed, holds, write_hashed, write_once, write_together
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
@@ -169,10 +169,9 @@ def _folder(replayed: Replayed) -> Path:
 
 def _write_readings(out: Path, text: str) -> None:
     """Write the readings; the readings of an open survey may be replaced by later readings."""
-    if (out / RESULT).exists():
-        write_once(out / READINGS, text)
-    elif not holds(out / READINGS, text.encode("utf-8")):
-        write_atomically(out / READINGS, text.encode("utf-8"))
+    files, solved = hashed({out / READINGS: text}), (out / RESULT).exists()
+    if solved or not all(holds(path, data) for path, data in files.items()):
+        write_together(files, over=not solved)
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:

@@ -155,7 +155,8 @@ def action_words(proof: Proof) -> Message:
     if wrong:
         return message("proof.wrong", wrong=wrong)
     if undecided:
-        return message("proof.undecided", open=undecided)
+        further = proof.further
+        return message("proof.undecided", open=undecided, further=further) if further else message("proof.open", open=undecided)
     return message("proof", each=[words_of(each) for each in proof.tables])
 
 

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.files import read_hashed
+from stepdiag.base.files import read_text
 from stepdiag.base.messages import Message, message
 from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.result.interval import Interval
@@ -101,7 +101,7 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     progress(message("demo-verifying"), 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
-    result = parse_result(read_hashed(round_folder / "result.json"), "result.json")
+    result = parse_result(read_text(round_folder / "result.json"), "result.json")
     reach = {str(form.name): verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
     promises = promises_of(result, before.rms_um, reach[str(WHOLE_FIELD)].rms_um)
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)

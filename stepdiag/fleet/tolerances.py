@@ -13,7 +13,7 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text
+from stepdiag.base.files import HASH_SUFFIX, LARGEST_SETTINGS_BYTES, as_text, require_hash
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.fleet.series import Series
@@ -42,11 +42,15 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 def tolerances_in(store: Store) -> Tolerances:
     """Return the contents of the store's file, empty without a file. Raises UsageError for a file
-    that is wrong.
+    that is wrong. Raises DataError for another hash beside it
+    (``sha256sum tolerances.toml > tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()
-    text = as_text(store.read(FILE, largest=LARGEST_SETTINGS_BYTES), FILE, UsageError)
+    data, beside = store.read(FILE, largest=LARGEST_SETTINGS_BYTES), FILE + HASH_SUFFIX
+    if store.exists(beside):
+        require_hash(data, store.read(beside, largest=LARGEST_SETTINGS_BYTES), f"{store.address}: {FILE}", beside)
+    text = as_text(data, FILE, UsageError)
     return convert(read_toml(text, FILE), Tolerances, FILE)
 
 

@@ -1,7 +1,7 @@
 """From the stands of a commissioning run to the calibration file of the head: the machine is the head's own stage."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -33,9 +33,9 @@ LEAST_WITHIN = 0.003
 """Sums of one light hold together so well at the least; three times what the run shows is more."""
 MOST_APART = 0.02
 """Jogs that change the share of a sum by more cut the spot."""
-STUCK = 0.9
-"""Share of equal values beyond which a sum has reached the end of its electronics: light has
-noise.
+STUCK = 0.25
+"""Share of readings at the highest value, at a single end too, beyond which a sum has reached the
+end of its electronics: light has noise.
 """
 NOMINAL = {"qd": AxisTable(kind="erf"), "psd1": AxisTable(low=-0.95, high=0.95), "psd2": AxisTable(low=-0.95, high=0.95)}
 """Curves before any calibration: a Gaussian spot on the QD, linear PSDs, all of gain 1000."""
@@ -76,14 +76,14 @@ def commission(standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis
     dark = _dark(every, usual)
     centre = _centre_mm(standings)
     lit = [_lit(one, usual) for one in standings if _beside_mm(one, centre, axis) <= FARTHEST_MM]
-    rows = _Rows.of([one for one in lit if len(one.time_s)], centre, run, axis)
-    light = _light(every, rows.channels, usual, dark)
+    rows, channels = _rows([one for one in lit if len(one.time_s)], centre, run, axis)
+    light = _light(every, channels, usual, dark)
     curves = {name: _base(file, name) for name in CURVES}
     noise = _noise([_seen(one.channels, file, curves, dark) for one in lit if _long(one)])
-    found = commissioned(rows.stands(_seen(rows.channels, file, curves, dark), noise))
-    return HeadCommissioned(
-        file=_written(file, found, curves, dark, light, rows, on), found=found, stands=len(lit), dark=int(_is_dark(every, usual).sum())
-    )
+    found = commissioned(replace(rows, seen=_seen(channels, file, curves, dark), noise=noise))
+    readings = np.abs(_readings(channels, dark)).max(axis=(0, 2))
+    written = _written(file, found, curves, dark, light, readings, on)
+    return HeadCommissioned(file=written, found=found, stands=len(lit), dark=int(_is_dark(every, usual).sum()))
 
 
 def _is_dark(channels: Vector, usual: Vector) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -120,54 +120,26 @@ def _centre_mm(standings: Sequence[Standing]) -> Vector:
     return np.asarray(np.median(places, axis=0), dtype=np.float64)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Rows:
-    """Rows of the regression: as in `Stands`, with the means of the nine channels (N, 9)."""
+def _rows(lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -> tuple[Stands, Vector]:
+    """Return the rows of lit stands, a row each, many for a long stand, which is an end of its own;
+    and the means of their channels (N, 9).
 
-    end: np.ndarray[tuple[int], np.dtype[np.intp]]
-    distance_mm: Vector
-    moved_um: Vector
-    channels: Vector
-    samples: Vector
-    jogged: np.ndarray[tuple[int], np.dtype[np.bool_]]
-
-    @classmethod
-    def of(cls, lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -> "_Rows":
-        """Return the rows of lit stands: a row each, many for a long stand, which is an end of its
-        own.
-        """
-        along = AXES.index(axis)
-        place = np.array([one.position_mm[along] for one in lit])
-        near = place.min() if run.beam[0] == "+" else place.max()
-        ends: dict[tuple[float, int], int] = {}
-        rows = []
-        for number, one in enumerate(lit):
-            long = _long(one)
-            end = ends.setdefault((round(float(one.position_mm[along]), 2), number + 1 if long else 0), len(ends))
-            moved_um = 1e3 * _lateral(one.position_mm - centre_mm, run)
-            distance_mm = run.distance_mm + abs(float(one.position_mm[along]) - near)
-            rows += [(end, distance_mm, moved_um, channels, samples, not long) for channels, samples in _means(one, long=long)]
-        columns = list(zip(*rows, strict=True))
-        return cls(
-            end=np.array(columns[0], dtype=np.intp),
-            distance_mm=np.array(columns[1]),
-            moved_um=np.array(columns[2]),
-            channels=np.array(columns[3]),
-            samples=np.array(columns[4], dtype=np.float64),
-            jogged=np.array(columns[5], dtype=np.bool_),
-        )
-
-    def stands(self, seen: Vector, noise: Vector) -> Stands:
-        """Return the rows with what the curves make of them (N, 6), and the noise of one sample (6,)."""
-        return Stands(
-            end=self.end,
-            distance_mm=self.distance_mm,
-            moved_um=self.moved_um,
-            seen=seen,
-            samples=self.samples,
-            noise=noise,
-            jogged=self.jogged,
-        )
+    The values by the curves, and the noise, are still missing.
+    """
+    along = AXES.index(axis)
+    place = np.array([one.position_mm[along] for one in lit])
+    near = place.min() if run.beam[0] == "+" else place.max()
+    ends: dict[tuple[float, int], int] = {}
+    rows = []
+    for number, one in enumerate(lit):
+        long = _long(one)
+        end = ends.setdefault((round(float(one.position_mm[along]), 2), number + 1 if long else 0), len(ends))
+        moved_um = 1e3 * _lateral(one.position_mm - centre_mm, run)
+        distance_mm = run.distance_mm + abs(float(one.position_mm[along]) - near)
+        rows += [(end, distance_mm, moved_um, float(samples), not long, channels) for channels, samples in _means(one, long=long)]
+    ended, distance, moved, samples, jogged, channels = map(np.array, zip(*rows, strict=True))
+    none = np.zeros((0, 6))
+    return Stands(end=ended, distance_mm=distance, moved_um=moved, samples=samples, jogged=jogged, seen=none, noise=none), channels
 
 
 def _readings(channels: Vector, dark: Vector) -> Vector:
@@ -248,9 +220,8 @@ def _base(file: HeadFile, name: str) -> AxisTable:
 
 
 def _written(
-    file: HeadFile, found: Commissioned, curves: dict[str, AxisTable], dark: Vector, light: LightTable, rows: _Rows, on: str
+    file: HeadFile, found: Commissioned, curves: dict[str, AxisTable], dark: Vector, light: LightTable, readings: Vector, on: str
 ) -> HeadFile:
-    readings = np.abs(_readings(rows.channels, dark)).max(axis=(0, 2))
     changes: dict[str, object] = {}
     for number, (name, first) in enumerate((("qd", QD), ("psd1", PSD1), ("psd2", PSD2))):
         axes = {

@@ -7,7 +7,7 @@ It runs in a process of its own (`stepdiag.page.process`); its only view of the 
 
 import asyncio
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -81,16 +81,24 @@ class Page:
         self._readers: Counter[str] = Counter()
         self.access = Access(settings.token, daemon.say_guesses)
         self.broadcaster = Broadcaster(lambda on: daemon.watch(on=on))
+        self.still_open: Sequence[str] = ()
+        """Parts left open by the kernel for this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
         """Answer the page itself."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken."""
+        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken.
+
+        And what is open to this process that its walls could not shut.
+        """
         return JSONResponse(
-            {"language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed}
-        )
+            {
+                "language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed,
+                "open": list(self.still_open),
+            }
+        )  # fmt: skip
 
     async def texts(self, request: Request) -> Response:
         """Answer the words of one language."""

@@ -119,6 +119,8 @@ def _run(hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | No
     with asyncio.Runner(loop_factory=PunctualLoop) as runner:
         runner.get_loop()  # has a pair of sockets
         still_open = confine(readable_by_program(Path(settings.folder)))
+        if page is not None:
+            shown.still_open = still_open
         runner.run(_serve(daemon, hears, servers, still_open))
     os._exit(0)  # nothing is left to be written, and the daemon waits
 

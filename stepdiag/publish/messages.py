@@ -11,7 +11,7 @@ from urllib.parse import quote
 import msgspec
 
 from stepdiag.base.errors import StepdiagError
-from stepdiag.base.files import read_hashed
+from stepdiag.base.files import read_text
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.recording.rounds import round_folders
@@ -192,7 +192,7 @@ class Watched:
         known = self._read.get(path)
         if known is None or known[0] != seen:
             name = f"{round_.name}/{RESULT}"
-            text = read_hashed(path)
+            text = read_text(path)
             known = (seen, self._messages(parse_result(text, name), hashlib.sha256(text.encode("utf-8")).hexdigest(), round_.name))
             self._read[path] = known
         return known[1]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import StepdiagError
-from stepdiag.base.files import read_hashed
+from stepdiag.base.files import read_text
 from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
@@ -56,7 +56,7 @@ def _results(folder: Path) -> Iterator[tuple[Survey, Result]]:
     with suppress(OSError):
         for each in round_folders(folder):
             with suppress(StepdiagError, OSError):
-                result = parse_result(read_hashed(each / RESULT), each.name)
+                result = parse_result(read_text(each / RESULT), each.name)
                 facts = about(result, each.name)
                 active, standing = stated(facts.conditions)
                 yield Survey(time=facts.time, name=each.name, event=facts.event, active=active, standing=standing), result

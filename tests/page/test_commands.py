@@ -300,3 +300,13 @@ def test_a_taken_port_is_refused_by_name(daemon: Served, tmp_path: Path) -> None
     """The daemon says which address is taken, and what to do."""
     with pytest.raises(ConnectionError, match=r"page\.port"), served(tmp_path, port=int(daemon.address.rpartition(":")[2])):
         pass
+
+
+def test_what_the_walls_leave_open_is_named_in_both_languages(page: Page) -> None:
+    expect(page.locator("#open")).to_be_hidden()
+    page.route("**/about.json", lambda route: route.fulfill(json=route.fetch().json() | {"open": ["signals", "UDP and other sockets"]}))
+    page.reload()
+    expect(page.locator("#open")).to_have_text("Who takes over this page also has, on this computer: signals, UDP and other sockets.")
+    page.locator("#language").click()
+    expect(page.locator("#open")).to_have_text("Wer diese Seite übernimmt, hat auf diesem Computer auch: Signale, UDP und andere Sockets.")
+    page.unroute("**/about.json")

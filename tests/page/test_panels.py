@@ -50,7 +50,9 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#result figure")).to_have_count(9)
     expect(page.locator("#result")).to_contain_text("20.0 ± 0.8 µrad")
     expect(page.locator("#result")).to_contain_text("not identified")
-    expect(page.locator("#bundles a")).to_have_text(["Open the report", "All files for siemens (zip)", "Restore siemens as it was (zip)"])
+    expect(page.locator("#bundles a")).to_have_text(
+        ["Open the report", "All files for siemens (zip)", "Restore the earlier state of siemens (zip)"]
+    )
     expect(page.locator("#bundles .steps li").first).to_contain_text("Make the sign test")
     expect(page.locator("#downloads a")).to_contain_text(["result.json", "conclusion.json", "Open the report"])
 
@@ -60,7 +62,7 @@ def test_a_control_gets_one_bundle_whose_sums_hold(page: Page, daemon: Served, t
     daemon.do(daemon.survey.complete)
     expect(page.locator("#bundles .steps li").first).to_contain_text("Make the sign test")
     held = {}
-    for name in ("All files for siemens (zip)", "Restore siemens as it was (zip)"):
+    for name in ("All files for siemens (zip)", "Restore the earlier state of siemens (zip)"):
         with page.expect_download() as handed:
             page.locator("#bundles a", has_text=name).click()
         place = tmp_path / handed.value.suggested_filename.removesuffix(".zip")

@@ -173,8 +173,8 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
         "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war 57,5 mm, gefunden 60 mm [x]",
     }
     assert (
-        view["findings"][0]["sentence"]["de"]
-        == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: die Zählung reicht nicht zurück"
+        view["findings"][0]["sentence"]["de"] == "npp hin, Messpunkt 5: Strahl verloren auf dem Weg zu diesem Messpunkt: "
+        "die Zählung des Lasers verbindet ihn nicht mit den Messpunkten davor"
     )
     assert json.dumps(msgspec.to_builtins(view))
 

@@ -18,6 +18,7 @@ import { language, loadTexts, say } from "./words.js";
 const PANELS = [lead, reading, strip, aid, deviations, survey, findings, done, files, commands];
 const LOOK_MS = 100;
 const snapshot = {};
+let unshut = [];
 
 function head() {
   put("machine", snapshot.machine || "stepdiag");
@@ -39,6 +40,7 @@ async function speak(wanted) {
   await loadTexts(wanted);
   localStorage.setItem("language", wanted);
   for (const panel of PANELS) panel.forget?.();
+  walls();
   update("survey");
 }
 
@@ -59,12 +61,20 @@ async function about() {
   return answer.json();
 }
 
+// What the kernel of this computer could not shut for the page's process.
+function walls() {
+  document.getElementById("open").hidden = !unshut.length;
+  put("open", say("not_walled", { what: unshut.map((one) => say(`open_${one.toLowerCase().replaceAll(" ", "_")}`)).join(", ") }));
+}
+
 async function boot() {
   const facts = await about();
+  unshut = facts.open;
   const chosen = localStorage.getItem("theme");
   if (chosen) document.documentElement.dataset.theme = chosen;
   const remembered = localStorage.getItem("language");
   await loadTexts(facts.languages.includes(remembered) ? remembered : facts.language);
+  walls();
   document.getElementById("theme").addEventListener("click", () => theme(dark() ? "light" : "dark"));
   const other = () => facts.languages.find((one) => one !== language);
   document.getElementById("language").addEventListener("click", () => speak(other()));

@@ -124,7 +124,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     assert (one.name, one.stops) == ("air_pressure_hpa", len(stops))
     (found,) = assumed_findings(survey, len(stops), [one])
     assert (found.code, found.severity) == ("air-unknown", "warning")
-    assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
+    assert "stops. 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
     assert in_words(found, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()
     assert with_held(usual, survey, [one]).index > 1e-6 > usual.index

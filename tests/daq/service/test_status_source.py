@@ -16,7 +16,7 @@ def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
     begun = Round(tmp_path, {}, stops=tuple(stops))
     session = Session(parse_survey(text, "survey.toml"), text, begun, Nowhere(), on_outcome=lambda _: None, wall_offset_ns=lambda: 0)
     assert len(session.book.doubts()) == 2
-    assert str(_idle(session, "ppp")) == "doubted: ppp/1/6; waiting for the program of ppp, or for somebody who accepts it"
+    assert str(_idle(session, "ppp")) == "doubted: ppp/1/6; waiting for the program of ppp, or for a person to accept"
 
 
 def test_a_wrong_line_is_to_be_corrected_before_anything_is_driven_again(tmp_path):

@@ -142,6 +142,8 @@ def test_a_file_of_before_has_every_field_and_does_not_state_what_measured_it():
     file = parse_head_file(render_head_file(head_file()).encode(), "head.toml")
     assert (file.absent(), file.measured) == ([], {})
     require_measured(file, "head.toml")
+    with pytest.raises(DataError, match=r"psd1\.y.*found nothing has measured psd1\.y; next: `stepdiag fourdof commission`"):
+        require_measured(file.with_axis("psd1", "y", None), "head.toml")
 
 
 @pytest.mark.parametrize(

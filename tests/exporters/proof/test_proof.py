@@ -27,11 +27,10 @@ CODES = {-1.0: "sign-turned", 0.0: "missing", 0.5: "scaled", 2.0: "scaled", 1.5:
 
 def stops_mm(setup):
     """The commanded stops by contract 1: the steps of a diagonal go x, y, z."""
-    nodes = np.arange(11)
-    if setup == "linear-x":
-        return np.column_stack([nodes * 50.0, 0.0 * nodes, 0.0 * nodes])
+    if setup.startswith("linear"):
+        return np.arange(11)[:, None] * SIZE / 10.0 * (np.array(list("xyz")) == setup[-1])
     counts = np.array([[(step + 2 - axis) // 3 for axis in range(3)] for step in range(31)])
-    return counts * SIZE / 10.0
+    return np.where(np.array(list(setup)) == "n", 10 - counts, counts) * SIZE / 10.0
 
 
 class Rig:
@@ -55,13 +54,13 @@ class Rig:
     def tables(self):
         return [self.table(name) for name in NAMES]
 
-    def readings(self, shares, *, repeats=2, noise_um=0.3, swapped=""):
+    def readings(self, shares, *, repeats=2, noise_um=0.3, swapped="", setups=SETUPS):
         """Readings with ``shares`` of each curve taken out by the control; the mirror leans anew each time."""
         rows = []
-        for setup in SETUPS:
+        for setup in setups:
             out = stops_mm(setup)
-            along = out[-1] / np.linalg.norm(out[-1])
-            lean = 5e-4 * self.dice.normal(size=3) * (setup == "ppp")
+            along = (out[-1] - out[0]) / np.linalg.norm(out[-1] - out[0])
+            lean = 5e-4 * self.dice.normal(size=3) * (not setup.startswith("linear"))
             for number in range(1, 2 * repeats + 1):
                 at = out if number % 2 else out[::-1]
                 error = np.zeros(at.shape)
@@ -110,6 +109,19 @@ def test_a_table_too_small_to_be_seen_is_not_decided_and_shown_with_its_number()
         found = prove(RESULT, rig.readings({}, repeats=1, noise_um=noise_um), rig.readings(ALL, noise_um=noise_um), rig.tables())
         (small,) = [each for each in found.tables if each.function == "EYX"]
         assert (small.code, small.state, found.action) == (None, state, {"right": "keep", "undecided": "undecided"}[state])
+
+
+def test_what_stays_open_names_the_setup_that_decides_it():
+    """A small positioning error along z, which one diagonal and the line along x leave open: the line along z shows all of it."""
+    rig = Rig(7)
+    rig.values["EZZ"] = 0.2 * rig.values["EZZ"]
+    known = replace(RESULT, errors={})
+    every = (*SETUPS, "npp", "linear-z")
+    before = rig.readings({}, repeats=1, setups=every)
+    found = prove(known, before, rig.readings(ALL), rig.tables())
+    assert ([each.function for each in found.tables if each.state == "undecided"], found.further) == (["EZZ"], ("linear-z",))
+    more = prove(known, before, rig.readings(ALL, setups=(*SETUPS, *found.further)), rig.tables())
+    assert "EZZ" not in [each.function for each in more.tables if each.state != "right"]
 
 
 def test_tables_that_acted_in_the_survey_count_as_replaced():

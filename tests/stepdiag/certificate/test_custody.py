@@ -428,5 +428,7 @@ def test_words_that_the_certificate_does_not_name_are_found(name: str, tmp_path:
     """Beside the logs they count, whenever they were written."""
     folder = finished_survey(tmp_path)
     assert stepdiag("certificate", folder, "--out", tmp_path / "c.xml").code == 0
+    (folder / "replay").mkdir()
+    shutil.copy(folder / "result.json", folder / "replay" / "result.json")
     (folder / name).write_text("\n", encoding="utf-8")
     assert verdict(tmp_path) == "custody-unnamed"

@@ -129,7 +129,7 @@ class TestPlan:
     def test_for_a_person(self, survey):
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
-        assert "what is worth its time" in told.out
+        assert "surveys worth their time" in told.out
         assert "BEST SURVEY" in told.out
         assert "U (k = 2) assumes these sizes where the readings do not show them: angular errors over 15 µrad" in told.out
 

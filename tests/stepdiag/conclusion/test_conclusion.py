@@ -394,4 +394,4 @@ class TestUnseenSlip:
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
-        assert "npp/1/4: no reading shows it" in words
+        assert "npp/1/4: no reading shows them" in words

@@ -22,7 +22,7 @@ from stepdiag.fleet.tolerances import FILE, tolerances_in
 from testkit.cli import stepdiag
 from testkit.examples import few
 from testkit.fleets import finished_survey, series_of, write_history
-from testkit.forgeries import listed_anew
+from testkit.forgeries import flipped, listed_anew
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -118,6 +118,20 @@ class TestManifest:
         finally:
             path.write_bytes(whole)
         assert (solved.outcome, "result.json" in str(solved.reason)) == ("failed", True)
+
+
+def test_tolerances_are_held_against_the_hash_beside_them(store: Store) -> None:
+    """As ``sha256sum`` writes it; without one they count as they stand."""
+    file = Path(store.path(FILE))
+    file.write_text("[all]\nvolumetric-rms = 15.0\n", encoding="utf-8")
+    hashed = subprocess.run(["sha256sum", FILE], cwd=file.parent, capture_output=True, check=True).stdout
+    file.with_name(f"{FILE}.sha256").write_bytes(hashed)
+    assert tolerances_in(store).of("a", "volumetric-rms") == 15.0
+    rng = np.random.default_rng(4)
+    for _ in range(100):
+        with flipped(file, rng), pytest.raises(DataError, match=FILE):
+            tolerances_in(store)
+    assert stepdiag("trend", store.root).code == 0
 
 
 class TestLimits:

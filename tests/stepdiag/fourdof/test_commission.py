@@ -124,6 +124,14 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     with pytest.raises(DataError, match=r"commission: qd: expected a sum with the noise of light, found the value 9.*its electronics"):
         Rig(3, qd=replace(plain.qd, ceiling=0.9)).commissioned()
     standings = Rig(3).standings()
+    far_mm, highest = max(one.position_mm[2] for one in standings), np.median(standings[0].channels[:, 5])
+    ended = [
+        Standing(position_mm=one.position_mm, time_s=one.time_s, channels=np.where(np.arange(9) == 5, np.minimum(risen, highest), risen))
+        for one in standings
+        for risen in [one.channels * (1.01 if one.position_mm[2] == far_mm else 0.999)]
+    ]
+    with pytest.raises(DataError, match=r"commission: psd1: expected a sum with the noise of light"):  # at the far end alone
+        commission(ended, NEW, RUN, "z", "2026-11-26")
     cut = standings[4].channels.copy()
     cut[:, 2] *= 0.95
     standings[4] = Standing(position_mm=standings[4].position_mm, time_s=standings[4].time_s, channels=cut)

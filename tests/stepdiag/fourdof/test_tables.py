@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import UsageError
 from stepdiag.fourdof.tables import columns_named, parse_run
 from testkit.cli import stepdiag
+from testkit.forgeries import flipped
 
 ARCSEC = np.pi / 0.648
 """In urad."""
@@ -81,6 +82,17 @@ def result(imported):
     code, _, refusal = stepdiag("solve", imported / "readings.csv", *given_files, "--out", imported / "result.json")
     assert code == 0, refusal
     return json.loads((imported / "result.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["readings", "angles", "straightness"])
+def test_a_flipped_bit_of_what_was_imported_is_named(imported, name):
+    """40 bits of each file: none becomes another figure, and none is silent."""
+    given = {each: imported / f"{each}.csv" for each in ("readings", "angles", "straightness")}
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        with flipped(given[name], rng):
+            code, _, refusal = stepdiag("solve", given["readings"], "--angles", given["angles"], "--straightness", given["straightness"])
+        assert (code, f"{name}.csv" in refusal) == (3, True), refusal
 
 
 def test_tables_give_all_functions_as_they_are(result):

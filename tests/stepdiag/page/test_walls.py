@@ -9,8 +9,15 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from stepdiag.page.app import Page, create_app
+from stepdiag.page.messages import PageSettings
+from stepdiag.texts.texts import LANGUAGES, catalogue
+from stepdiag.walls.confine import OPEN
+from testkit.browsing import visit
 
 ATTACK = Path(__file__).parents[2] / "lib/testkit/hostile/attack.py"
 VERSIONS = (0, 1, 2, 3, 4, 6, 99)
@@ -60,6 +67,18 @@ def test_nothing_of_the_attack_succeeds(walls, version, recorder, plc, tmp_path)
         for each in plc:
             with pytest.raises(BlockingIOError):
                 each.recvfrom(100) if each is plc[1] else each.accept()
+
+
+def test_the_page_names_what_is_open(tmp_path):
+    """In both languages, and empty where the kernel shuts all."""
+    settings = PageSettings(folder=str(tmp_path), token="")
+    page = Page(SimpleNamespace(say_guesses=lambda *_: None), settings)
+    application = create_app(page, None, settings)
+    assert json.loads(visit(application, "/about.json", "127.0.0.1")[1])["open"] == []
+    page.still_open = tuple(OPEN)
+    assert json.loads(visit(application, "/about.json", "127.0.0.1")[1])["open"] == list(OPEN)
+    for language in LANGUAGES:
+        assert {f"open_{each.lower().replace(' ', '_')}" for each in OPEN} <= catalogue("page", language).keys()
 
 
 READING = {"reads a secret", "reads /etc/passwd", "its memory as a file"}

@@ -18,7 +18,7 @@ from testkit.running.hall import hall
 pytestmark = pytest.mark.system
 
 UNIT = "stepdiag@hall.service"
-PAGE = "stepdiag-page@hall.service"
+PAGE, PUBLISHER = "stepdiag-page@hall.service", "stepdiag-publish@hall.service"
 ATTACK = Path(__file__).parents[2] / "lib/testkit/hostile/attack.py"
 RECORDED = "/var/lib/stepdiag/hall"
 DIALOUT = 20
@@ -90,7 +90,7 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
             place.setups = place.setups[1:]
             place.start_setups()
             # the stops about the kill wait for a person's word: nothing is exported by itself
-            system.until(UNIT, lambda unit: "somebody who accepts it" in unit.get("StatusText", ""))
+            system.until(UNIT, lambda unit: "for a person to accept" in unit.get("StatusText", ""))
             # which stops is said once the readings are written
             system.until(UNIT, lambda _: any(said["event"] == "survey-open" for said in system.journal(UNIT)))
             assert not [said for said in system.journal(UNIT) if said["event"] == "survey-complete"]
@@ -110,9 +110,16 @@ HARMLESS = {
 network. A signal to all reaches those of its own account."""
 
 
+OF_A_PUBLISHER = HARMLESS | {"TCP to the PLC", "UDP to the PLC", "TCP in one packet", "a listening port"}
+"""The same, and sockets to the addresses of its drop-in, to which the virtual PLC of this test belongs; a booted container has no programs
+of BPF, so that SocketBindDeny= does nothing in it. The walls of the process shut these, too (`test_walls`)."""
+
+
 @pytest.mark.timeout(600)
 def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
-    """A visitor starts it; it shows what the recorder says over a socket, and an attacker in its unit changes nothing."""
+    """A visitor starts it; it shows what the recorder says over a socket. An attacker in its unit, and then one in that of what publishes,
+    changes nothing of the one survey that runs meanwhile: every stop is captured.
+    """
     port = reserved_port()
     with hall(tmp_path, n=2, page=True, page_port=port) as place:
         root, line = install(place)
@@ -126,8 +133,12 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             recorder = system.until(UNIT, lambda unit: unit["ActiveState"] == "active")
             place.start_setups(stop_after=1)
             wait_for_stop(system, 1)
-            attack = f"[Service]\\nExecStartPre={command % int(recorder['MainPID'])}\\n"
-            system.run("sh", "-c", f"mkdir -p /run/systemd/system/{PAGE}.d && printf '{attack}' > /run/systemd/system/{PAGE}.d/attack.conf")
+            attack = f"[Service]\nExecStartPre={command % int(recorder['MainPID'])}\n"
+            own = reserved_port()
+            served = f'Environment="PUBLISH=--opcua 127.0.0.1:{own} --plain"\nSocketBindAllow=tcp:{own}\n'
+            for unit, text in ((PAGE, attack), (PUBLISHER, attack + served)):
+                folder = f"/run/systemd/system/{unit}.d"
+                system.run("sh", "-c", 'mkdir -p "$0" && printf %s "$1" > "$0/attack.conf"', folder, text)
             system.run("systemctl", "daemon-reload")
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60) as answer:
                 assert answer.status == 200
@@ -145,7 +156,14 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             )
             system.run("python3", "-c", stranger)
             assert [said["account"] for said in system.journal(UNIT) if said["event"] == "page-stranger"] == [0]
+            count = wait_for_stop(system, 0)
             place.start_setups()
+            wait_for_stop(system, count)
+            system.run("systemctl", "start", PUBLISHER)
+            system.until(PUBLISHER, lambda _: any(said.get("event") == "opcua-serves" for said in system.journal(PUBLISHER)))
+            (found,) = [said for said in system.journal(PUBLISHER) if "succeeded" in said]
+            assert found["tried"] >= 50
+            assert set(found["succeeded"]) <= OF_A_PUBLISHER
             system.until(UNIT, lambda _: any(said["event"] == "survey-complete" for said in system.journal(UNIT)))
             assert len(stops(system)) == 4 * 7
 

@@ -6,7 +6,7 @@ moves the axis in -, linear between points, end values held), so that no sign of
 
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from stepdiag.base.compensation import Statement, stated
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
 from stepdiag.base.readings.readings import Readings, make_readings
+from stepdiag.base.readings.runs import Plan, Run
 from stepdiag.base.result.members import Facts
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
@@ -25,6 +27,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_set
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.proof.judge import prove
+from stepdiag.exporters.proof.plan import plan_proof
 from stepdiag.exporters.safety.read_back import compare
 from stepdiag.exporters.safety.verify import acting_in, verify_files
 from stepdiag.exporters.tables.curves import FUNCTIONS
@@ -42,8 +45,10 @@ MACHINE_DATA = {
 }  # fmt: skip
 SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ", "EZY", -1.0)}
 """By contract 1: the function that holds a squareness, the other one of the pair, and the sign of their slopes."""
-STEPS = 10
-"""Increments of the diagonal and the line of a proof run."""
+STEPS, MINUTES = 10, 10.0
+"""Increments of the diagonals and lines, and the minutes of a proof run."""
+SETUPS = (*BODY_DIAGONALS, *LINEAR_RUNS)
+DRIVEN = Plan(volume=replace(VOLUME, increments=STEPS), runs=tuple(Run(setup=name) for name in SETUPS))
 DONE = ("whole", "twice", "half", "another machine", "old files again", "a switch forgotten")
 _NUMBER = re.compile(r"^(\$(?:AA_ENC_COMP|AN_CEC)\[[^\]]*\]=)(-?\d+\.?\d*)$", re.MULTILINE)
 
@@ -154,22 +159,24 @@ class Hall:
         square = {name: sign * 1000.0 * (slopes[one] + slopes[other]) for name, (one, other, sign) in SQUARE.items()}
         return made_result(shapes, squareness=square, u_um=0.3)
 
-    def readings(self) -> Readings:
-        """Return what a laser reads along a diagonal and a line, out and back, with 0.3 um of noise; the mirror leans anew each time."""
+    def readings(self, setups: Sequence[str] = SETUPS, repeats: int = 2) -> Readings:
+        """Return what a laser reads along diagonals and lines, out and back, with 0.3 um of noise; the mirror leans anew each time."""
         rows, size = [], np.array(VOLUME.size_mm)
-        for setup in ("ppp", "linear-x"):
-            nodes = np.arange(3 * STEPS + 1 if setup == "ppp" else STEPS + 1)
-            counts = [(nodes + 2 - axis) // 3 for axis in range(3)] if setup == "ppp" else [nodes, 0 * nodes, 0 * nodes]
+        for setup in setups:
+            step = not setup.startswith("linear")
+            nodes = np.arange(3 * STEPS + 1 if step else STEPS + 1)
+            counts = [(nodes + 2 - axis) // 3 if step else nodes * (setup[-1] == "xyz"[axis]) for axis in range(3)]
+            counts = [STEPS - count if step and setup[axis] == "n" else count for axis, count in enumerate(counts)]
             out = np.array(VOLUME.origin_mm) + np.column_stack(counts) * size / STEPS
             along = (out[-1] - out[0]) / np.linalg.norm(out[-1] - out[0])
-            lean = 5e-4 * self.dice.normal(size=3) * (setup == "ppp")
+            lean = 5e-4 * self.dice.normal(size=3) * step
             error = np.zeros(out.shape)
             for name, truth in self.truth.items():
                 axis = "XYZ".index(name[2])
                 held = np.interp(out[:, axis], VOLUME.nodes_mm(axis), truth) + self.added_um(name, out[:, axis])
                 error[:, "XYZ".index(name[1])] += held
             mean = out @ (along + lean - (lean @ along) * along) + 1e-3 * (error @ along)
-            for number in range(1, 5):
+            for number in range(1, 2 * repeats + 1):
                 order = slice(None) if number % 2 else slice(None, None, -1)
                 read = (mean + 3e-4 * self.dice.normal(size=len(out)))[order]
                 rows += [(setup, number, stop, at, one - read[0]) for stop, (at, one) in enumerate(zip(out[order], read, strict=True))]
@@ -243,7 +250,11 @@ def lived(story: Story, seed: int, folder: Path, *, proof: bool = False) -> tupl
     mark, value = HELD.get(story.done, ("$SN_CEC_TABLE_ENABLE[2]" if story.done == "a switch forgotten" else "none", "0"))
     hall.control.held |= {name: value for name in hall.control.held if name.startswith(mark)}
     if along is not None:
-        found = prove(measured, along, hall.readings(), *acting_in(measured, SIEMENS, tables, profile))
+        acting, replaced = acting_in(measured, SIEMENS, tables, profile)
+        ahead = plan_proof(measured, along, DRIVEN, acting, MINUTES)
+        found = prove(measured, along, hall.readings(ahead.setups, ahead.repeats), acting, replaced)
+        if found.action == "undecided" and found.further:
+            found = prove(measured, along, hall.readings((*ahead.setups, *found.further), ahead.repeats), acting, replaced)
         return "" if found.action == "keep" else f"proof run: {found.action}", before, hall.errs_um()
     (reader,) = (file for file in files if file.name == "READ_BACK.MPF")
     hall.control.run(reader.data.decode("ascii"))

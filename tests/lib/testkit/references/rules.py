@@ -22,7 +22,6 @@ from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findi
 from stepdiag.solver.fourdof.detector import DetectorAxis
 from stepdiag.solver.fourdof.head import Head
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
-from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage_findings, t_factor
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.head_report import head_findings
@@ -65,7 +64,7 @@ def _limits(survey, given):
     found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
     changed = [{**setup_reports(found), "npp": _changed(setup_reports(found)["npp"], one)} for one in given["reports"]]
     return {
-        "reports": [[setup_findings(found, one), contradictions(one, found.scatter)] for one in changed],
+        "reports": [setup_findings(found, one) for one in changed],
         "scatter": [scatter_findings(_scattering(found, **one)) for one in given["scatter"]],
     }
 

@@ -64,7 +64,8 @@ def install_units(root, instance, drop_in):
     for unit in ("stepdiag@.service", "stepdiag-page@.service", "stepdiag-page@.socket", "stepdiag-publish@.service"):
         write(root / "etc/systemd/system" / unit, (came / unit).read_text())
     write(root / "etc/systemd/system/stepdiag@.service.d/test.conf", drop_in)
-    write(root / "etc/systemd/system/stepdiag-page@.service.d/test.conf", LIBRARIES)
+    for name in ("page", "publish"):
+        write(root / f"etc/systemd/system/stepdiag-{name}@.service.d/test.conf", LIBRARIES)
     write(root / "etc/sysusers.d/stepdiag.conf", (came / "stepdiag.sysusers.conf").read_text())
     as_root("systemd-sysusers", f"--root={root}")
     write(root / "etc/udev/rules.d/90-stepdiag.rules", (came / "90-stepdiag.rules").read_text())
