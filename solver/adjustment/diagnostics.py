@@ -16,7 +16,7 @@ from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.adjustment.evidence import HIDDEN, tell
+from stepdiag.solver.adjustment.evidence import HIDDEN, response_of
 from stepdiag.solver.adjustment.explanations import along_the_way_m
 from stepdiag.solver.adjustment.scatter import FIRST, Scatter
 from stepdiag.solver.linear.rows import Rows
@@ -170,7 +170,7 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():
         return None
-    hypothesis = tell(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
+    hypothesis = response_of(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
     seen = float(hypothesis.seen.item())
     if seen <= HIDDEN * hypothesis.whole.item():
         return None

@@ -71,10 +71,8 @@ class Response:
     moved: Vector
 
 
-def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
-    """Return the evidence of a fit on patterns (k, c) on some of its rows (k,); they are zero on
-    all others.
-    """
+def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
+    """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
     on_all[rows] = weighted

@@ -53,7 +53,7 @@ from stepdiag.solver.adjustment.evidence import (
     directions,
     evidence_of_many,
     log_prior,
-    tell,
+    response_of,
 )
 from stepdiag.solver.adjustment.faults import families, number_of, walks
 from stepdiag.solver.linear.mixed import MixedFit
@@ -224,7 +224,7 @@ def _families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
 
 
 def _family(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], most: float) -> Family:
-    response = tell(fit, rows, pattern)
+    response = response_of(fit, rows, pattern)
     seen = np.diag(response.seen)
     seen = np.where(seen > np.maximum(HIDDEN * response.whole, most**-2.0), seen, 0.0)
     return Family(kind=kind, rows=rows, named=named, shown=response.shown, seen=seen, pattern=lambda places: pattern[:, places], most=most)
@@ -239,7 +239,7 @@ def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
     """Return the odds (logarithm) of more growth in time than is usual."""
     if not growth_um.shape[1]:
         return -np.inf
-    response = tell(fit, np.arange(len(growth_um)), growth_um)
+    response = response_of(fit, np.arange(len(growth_um)), growth_um)
     return evidence_of_many(fit, *directions(response.seen, response.shown)) + log_prior(GROWN, 1)
 
 

@@ -27,7 +27,7 @@ from stepdiag.solver.adjustment.evidence import (
     directions,
     evidence_of_many,
     log_prior,
-    tell,
+    response_of,
     visible,
 )
 from stepdiag.solver.adjustment.smoothness import roughness
@@ -169,7 +169,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
     on_all = np.zeros((len(fit.weight), len(ranked)))
     for column, (_, family, place, _) in enumerate(ranked):
         on_all[family.rows, column] = family.pattern(np.array([place]))[:, 0]
-    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * tell(fit, np.arange(len(on_all)), on_all).moved
+    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * response_of(fit, np.arange(len(on_all)), on_all).moved
     rough = roughness(columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance())
     return [
         Fault(

@@ -28,8 +28,8 @@ from stepdiag.solver.planning.information import (
     SetupInformation,
     Zone,
     determined,
+    information_by_setup,
     machinery,
-    setup_information,
     uncertainties,
 )
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
@@ -66,23 +66,23 @@ class Foresight:
 
     @cached_property
     def by_setup(self) -> SetupInformation:
-        """Return the information of its setups."""
-        return setup_information(self.layout, self.chain, self.assumed)
+        """Return the information of each setup."""
+        return information_by_setup(self.layout, self.chain, self.assumed)
 
     @cached_property
     def information(self) -> Vector:
-        """Return the information of all of them together."""
+        """Return the information of all setups together."""
         matrix: Vector = np.sum(self.by_setup.each, axis=0)
         return matrix
 
     @cached_property
     def of(self) -> Machinery:
-        """Return what the unknowns are to the machine."""
+        """Return how the unknowns act on the machine."""
         return machinery(self.by_setup, self.aim, self.zone)
 
     @cached_property
     def known(self) -> dict[str, bool]:
-        """Return by name what the survey will identify."""
+        """Return by name whether the survey will identify a quantity."""
         found = determined(self.by_setup, self.information, usual_sizes_of(self.assumed))
         return {**dict.fromkeys(DISPLACEMENTS, True), **found}
 

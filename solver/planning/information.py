@@ -65,10 +65,8 @@ class SetupInformation:
     assumed: Assumptions
 
 
-def setup_information(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
-    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is
-    none.
-    """
+def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
+    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is none."""
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = (*effects_of(layout, chain, shapes, assumed), effect_between(layout, between_of(layout)))
@@ -156,9 +154,7 @@ def inverse(matrix: Vector) -> Vector:
 
 
 def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
-    """Return the machine behind the unknowns; ``zone`` is the valid part of the volume, the whole
-    volume without a zone.
-    """
+    """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts, all of it without one."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
     displacements = design.columns.machine
@@ -214,8 +210,7 @@ def _fields(
 
 
 def determined(found: SetupInformation, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
-    """Return by name whether a survey determines a quantity for known angles, and better than
-    ``usual``.
+    """Return by name whether a survey determines a quantity, and better than it is ``usual``, were the angles known.
 
     In um, urad, um/m. If displacements may have any size, an unseen part is uncertain by this size.
     """

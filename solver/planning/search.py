@@ -129,7 +129,7 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 
 class Exchange:
-    """Information of the offered lines for a common drive, and the search among them.
+    """Information of the lines on offer, driven in one way, and the search among them.
 
     ``done`` are runs already driven, each in its own way; the last run still stands. Lines are
     weighed on ``weighed_on`` increments.
@@ -290,7 +290,7 @@ class Search:
         self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
-        """Return the information of the lines in a common drive."""
+        """Return the information of the lines, all driven in one way."""
         if ways not in self._made:
             self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
         return self._made[ways]

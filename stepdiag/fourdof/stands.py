@@ -70,11 +70,11 @@ def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
     for event in log.events():
         if not isinstance(event, ModbusBlock):
             continue
-        decoded = signals.decode(event)
-        if decoded.commanded_mm is None:
+        signals_now = signals.decode(event)
+        if signals_now.commanded_mm is None:
             expected = message("commanded-positions")
             raise DataError(log.path.name, expected=expected, found=message("none"), remedy=message("map-x-y-z"))
-        here = None if decoded.stopped else decoded.commanded_mm
+        here = None if signals_now.stopped else signals_now.commanded_mm
         if begun is not None and here != begun[0]:
             yield from _long_enough(begun, last_ns)
             begun = None

@@ -228,7 +228,7 @@ def test_a_command_that_is_none_is_refused(daemon: Served, body: bytes) -> None:
     """Unknown names, wrong types, too much: 400 and nothing done."""
     status, _, told = ask(daemon, "POST", "/command", body, TOKEN)
     assert status == 400
-    assert "known are start" in json.loads(told)["error"]
+    assert "valid commands: start" in json.loads(told)["error"]
     assert daemon.do(lambda: daemon.survey.ordered) == []
 
 

@@ -18,7 +18,7 @@ from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.circumstances import Circumstances
-from stepdiag.solver.planning.information import setup_information
+from stepdiag.solver.planning.information import information_by_setup
 from stepdiag.solver.planning.planner import MOST_NAMED, WORTH, forecast, plan
 from stepdiag.solver.planning.search import Exchange, every_way
 from testkit.exact.surveys import IDEAL, Bench
@@ -185,8 +185,8 @@ def test_what_the_setups_tell_adds_up(names, back):
     """The information of a survey is the sum of those of its setups, each laid out by itself: all else of them is their own."""
     runs = tuple(Run(setup=name, return_pass=back) for name in names)
     layout = laid_out(*runs)
-    alone = {run.setup: setup_information(laid_out(run), "FXYZ", USUAL.assumed).each[0] for run in runs}
-    for setup, matrix in zip(layout.setups, setup_information(layout, "FXYZ", USUAL.assumed).each, strict=True):
+    alone = {run.setup: information_by_setup(laid_out(run), "FXYZ", USUAL.assumed).each[0] for run in runs}
+    for setup, matrix in zip(layout.setups, information_by_setup(layout, "FXYZ", USUAL.assumed).each, strict=True):
         assert np.max(np.abs(matrix - alone[setup.name])) < 1e-9 * np.max(np.abs(matrix))
 
 
