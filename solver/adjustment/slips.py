@@ -1,7 +1,9 @@
-"""How large a slip of the laser's count may be without being noticed, from where the stops are and how well the readings check each other.
+"""Largest slip of the laser's count that may go unnoticed, by the places of the stops and the
+mutual checks of the readings.
 
-The smallest step of a count that stands out of what the fit and the usual causes leave of it (Baarda 1968, minimal detectable bias). It
-needs no reading: a plan says it before the survey, a result after it, by the same figures.
+The smallest visible step of a count over the residue of the fit and the usual causes (Baarda 1968,
+minimal detectable bias). The size needs no reading: a plan states it before the survey, a result
+after, by the same figures.
 """
 
 from collections.abc import Iterator
@@ -22,20 +24,26 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
-normal distribution (95 %), and more where effects larger than usual explain part of a step."""
+"""A step larger by this factor than a step named in half of the surveys is nearly always named:
+6.65 for 5 standard uncertainties by the normal distribution (95 %), and more where effects larger
+than usual explain part of a step.
+"""
 MOST_STANDING = 10.0
 """Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6 times that size were named or refused."""
 NOTHING_UM = 1e-6
-"""A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-9 is rounding, elsewhere 0.1 is little."""
+"""A step of 1 um with a smaller effect on the volume counts as harmless: at the turn of a count
+1e-9 is rounding, elsewhere 0.1 is little.
+"""
 TELLS_MORE = 1.3
 """A slip that makes the volume's errors larger by this factor than the noise of the readings does is reported with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
-"""Names in the result, and the kinds of setups that each holds."""
+"""Names in the result, and their kinds of setups."""
 
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
-    """Return how well a step before each reading but the first is known, infinite where nothing tells it."""
+    """Return the standard uncertainty of a step before each reading but the first, infinite if
+    nothing shows it.
+    """
     mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     visible = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
@@ -49,11 +57,13 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
 
 
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
-    """Return for diagonals and runs along an axis the slip that does most harm unseen (um; None: of any size); None without either.
+    """Return for diagonals and runs along an axis the most harmful unseen slip (um; None: of any
+    size); None without either.
 
-    ``volume_um`` is what a slip of ``half_um`` there makes of the errors over the volume (rms), as far as they are identified,
-    ``readings_um`` what the noise of the readings makes of them (k = 1). ``passes`` are those in which a slip that is seen in half of the
-    surveys makes more than `TELLS_MORE` times that, both together: no stated uncertainty holds it.
+    ``volume_um`` is the effect of a slip of ``half_um`` there on the errors over the volume (rms),
+    as far as identified, ``readings_um`` the effect of the readings' noise (k = 1). ``passes`` are
+    the passes in which a slip seen in half of the surveys makes more than `TELLS_MORE` times the
+    effect of both together: no stated uncertainty holds it.
     """
     field, report, out = _Field.of(fit, layout, design), dict[str, UnseenSlip](), stands_out(fit, layout)
     noise_um = field.noise_um()
@@ -80,7 +90,8 @@ class _Worst(NamedTuple):
 def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
     """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys.
 
-    It is not the one that is seen least: on one count a step at the turn hides well, in the backlash, and harms no way, whatever its size.
+    It is not the least visible step: on a single count a step at the turn hides well, in the
+    backlash, and harms no way, whatever its size.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
@@ -110,10 +121,11 @@ def _slip(layout: Layout, worst: _Worst, out: float, noise_um: float, passes: tu
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The errors over the volume that are identified, as few numbers of which the squares sum up to as much as theirs.
+    """The identified errors over the volume, as few numbers with the same sum of squares.
 
-    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are what a unit of each unknown, and 1 um in each reading, makes of them in um;
-    ``values`` is how many components the errors have at all points.
+    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of a unit of each unknown,
+    and of 1 um in each reading, on them in um; ``values`` is the number of components of the errors
+    at all points.
     """
 
     fit: MixedFit

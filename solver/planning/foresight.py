@@ -36,10 +36,14 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""What functions of five half waves that fall with their number leave between the smooth curve through n + 1 targets and the straight lines
-that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
+"""Residue of functions of five half waves that fall with their number between the smooth curve
+through n + 1 targets and the straight lines of tables, over shape / n^2 (root mean square over the
+travel; measured on drawn functions).
+"""
 _OF_FEW = {1: (0.93, 0.0), 2: (0.66, 0.20), 3: (0.49, 0.22), 4: (0.33, 0.19), 5: (0.23, 0.16), 6: (0.09, 0.15)}
-"""Both over shape where the increments are few: there the powers say up to twice as much as drawn functions leave over the volume."""
+"""Both over shape for few increments: there the powers give up to twice the residue of drawn
+functions over the volume.
+"""
 ALIKE = 0.2
 """Standard deviation of the logarithm of what nine drawn functions of one shape leave together between their targets."""
 _NEXT_TO_NONE = 1e-3
@@ -47,10 +51,11 @@ _NEXT_TO_NONE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
-    """What a survey will state, from the information of its setups (`solver.planning.information`); each figure when it is first asked for.
+    """Forecast of a survey's statements, from the information of its setups
+    (`solver.planning.information`); each figure on its first request.
 
-    Every function starts from what is usual, so that a further run can only help.
-    ``increments`` is how fine the survey is: the layout may be a coarser one of the same runs.
+    Every function starts from its usual size, so that a further run can only help. ``increments``
+    is the fineness of the survey: the layout may be a coarser version of the same runs.
     """
 
     layout: Layout
@@ -93,7 +98,7 @@ class Foresight:
     def volumetric_um(self) -> float:
         """Return the standard uncertainty of the error vector over the volume; the straight lines of tables are not counted.
 
-        What will not be identified may be larger than usual, all of it by one factor.
+        Unidentified quantities may be larger than usual, all by a common factor.
         """
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(np.linalg.norm([self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um]))
@@ -194,11 +199,13 @@ def _missed_um(ahead: Foresight, missing: NDArray[np.bool_]) -> float:
 
 
 def _left_um(*, identified_um: float, missed_um: float, angles_um: float, hidden_um: float, bent_um: float, freedom: float) -> Interval:
-    """Return median and 95 % of what will be left, over the likely sizes of angles and hidden waves and over machines.
+    """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
+    waves and over machines.
 
-    Root mean squares over the volume: what the result will report as far as its size is known, all that it will not, what the angles add as
-    usual, waves that no target shows as usual, and what tables leave between targets; and the degrees of freedom of all this.
-    What tables leave between the targets hangs on the shapes that will be found: those of a class of machine are alike within `ALIKE`.
+    Root mean squares over the volume: the identified part, the missed part, the usual effect of
+    angles, the usual waves unseen at targets, and the residue of tables between targets; and the
+    degrees of freedom of all this. The residue of tables between the targets depends on the shapes
+    to be found: the shapes of a class of machine are alike within `ALIKE`.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)

@@ -1,4 +1,4 @@
-"""Where the machine stood in the logs of a commissioning run, and what the head sent there."""
+"""The stands of the machine in the logs of a commissioning run, and the head's samples there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,9 @@ from stepdiag.fourdof.commission import Standing
 from stepdiag.fourdof.record import require_channels
 
 SETTLE_S, SHORTEST_S = 0.3, 1.0
-"""What is left out after an arrival, and the shortest stand after that which is taken for one: the program stands for two seconds."""
+"""Time left out after an arrival, and the shortest stand after it, in s: the program stands for two
+seconds.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
