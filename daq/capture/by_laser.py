@@ -1,9 +1,11 @@
-"""A machine without signals: the laser's plateaus place the stops, and the geometry of the pass that a person began names them.
+"""A machine without signals: the laser's plateaus place the stops, and the geometry of the begun
+pass names them.
 
-Nobody says which stop the machine stands at. So the first two stops of a pass are known by the step between them, every following one by
-its distance from the stop before, and a count that is lost ends the pass: where the machine stands then, nobody can say. Every stop named
-so is handed on as a dwell at its planned position, and judged like any other. An instrument whose marker input hears the machine's stop
-relay (quDIS) tells the standstills themselves, and counts them.
+The machine sends no stop number. So the first two stops of a pass are known by the step between
+them, every following stop by its distance from the stop before, and a lost count ends the pass: the
+machine's place is then unknown. Every stop named so is handed on as a dwell at its planned
+position, and judged like any other. An instrument whose marker input receives the machine's stop
+relay (quDIS) reports and counts the standstills itself.
 """
 
 from dataclasses import dataclass
@@ -23,9 +25,11 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
-"""How far back a standstill is looked for."""
+"""Time before now in ns searched for a standstill."""
 PAUSE_NS = 500_000_000
-"""Two plateaus at one level with less between them are one standstill, shaken."""
+"""Shortest time in ns between two plateaus at a level; less between them is a single shaken
+standstill.
+"""
 ENDING_NS = 1_000_000_000
 """After a lost count the stops before it are still being taken for so long."""
 EDGE_NS = 40_000_000
@@ -108,19 +112,23 @@ class ByLaser:
         return dwells, outcomes
 
     def _turn(self, known: dict[int, float]) -> None:
-        """Begin where the pass before has ended: the machine is at the first stop of this one, or comes back to it."""
+        """Begin at the end of the pass before: the machine is at the first stop of this pass, or
+        comes back to it.
+        """
         first = 0 if self._outward else len(self._routes[True]) - 1
         if first in known:
             levels = {(stop if self._outward else len(self._routes[True]) - 1 - stop): level for stop, level in known.items()}
             self._place = _Place(self._routes[self._outward], -1, levels)
 
     def _lost(self) -> bool:
-        """Tell whether the count was lost since this was asked for the last time."""
+        """Return whether the count was lost since this was asked for the last time."""
         seen, self._breaks = self._breaks, len(self._laser.breaks)
         return any(each.watched for each in self._laser.breaks[seen:])
 
     def _over(self, *, lost: bool) -> list[_Stand]:
-        """Return the standstills that were left since the last look, one that lasts long, and one that ends as the beam is lost."""
+        """Return the standstills left since the last look, a standstill that lasts long, and a
+        standstill at the loss of the beam.
+        """
         newest = self._laser.newest_ns()
         if not np.isfinite(newest):
             return []
@@ -138,13 +146,13 @@ class ByLaser:
         return [each for each in over if each.to_ns - each.from_ns >= self._least_s * 1e9]
 
     def _has_left(self, span: Span, stand: _Stand) -> bool:
-        """Tell whether the machine has gone on from the standstill that was seen last."""
+        """Return whether the machine has gone on from the standstill that was seen last."""
         if stand.count is not None:
             return float(span.time_ns[-1]) > stand.to_ns
         return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
 
     def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Return the stops that a standstill makes known, with what stands for each."""
+        """Return the stops that a standstill makes known, with the standstill of each."""
         if self._place is None:
             return self._begin(stand, outcomes)
         place = self._place
@@ -161,7 +169,9 @@ class ByLaser:
         return [(stop, stand)]
 
     def _begin(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Hold a standstill until the next one shows by the step between them that a pass has begun, and in which direction."""
+        """Hold a standstill until the step to the next shows that a pass has begun, and in which
+        direction.
+        """
         first, self._first = self._first, stand
         if first is None:
             return []
@@ -176,7 +186,9 @@ class ByLaser:
         return [(0, first), (1, stand)]
 
     def _nowhere(self, place: _Place, stand: _Stand, outcomes: list[Outcome]) -> None:
-        """Say that the machine stands where no stop is; where the pass is over, it may have been another one all along."""
+        """Report a machine off every stop; if the pass is over, it may have been another pass all
+        along.
+        """
         last = len(place.route) - 1
         if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
             return
@@ -205,7 +217,7 @@ class ByLaser:
 
 
 def _nearest(place: _Place, level_mm: float) -> int | None:
-    """Return the stop that a level is nearest to, seen from the stop before; None where it is that of no stop."""
+    """Return the stop nearest to a level, seen from the stop before; None if no stop is near."""
     route, here = place.route, max(place.stop, 0)
     most = min(len(route) - 1, place.stop + 1 + MOST_MISSED)
     expected = {stop: place.levels.get(stop, place.levels[here] + route.step_mm(here, stop)) for stop in range(most + 1)}
@@ -221,7 +233,9 @@ def _plateaus(span: Span, least_s: float) -> list[_Stand]:
 
 
 def _marked(span: Span) -> list[_Stand]:
-    """Return the standstills that the marker input tells: while its count of edges is odd, the relay is closed."""
+    """Return the standstills of the marker input: while its count of edges is odd, the relay is
+    closed.
+    """
     if span.channels is None:
         return []
     (marker,) = span.channels.T.astype(np.int64)
@@ -234,7 +248,9 @@ def _marked(span: Span) -> list[_Stand]:
 
 
 def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the parts with those joined that are one standstill: the machine was shaken between them and did not move."""
+    """Return the parts with the parts of a single standstill joined: the machine was shaken between
+    them and did not move.
+    """
     found: list[_Stand] = []
     for part in parts:
         last = found[-1] if found else None

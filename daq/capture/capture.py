@@ -1,7 +1,8 @@
-"""The one seam that live and replay share: bytes and register blocks in, stops and findings out.
+"""The common code of live and replay: bytes and register blocks in, stops and findings out.
 
-A capture belongs to one log and starts with it, from nothing but the survey and a `CaptureStart` that stands in the log. So the replay of a
-log is the same code on the same input, and gives the same stops to the last bit.
+A capture belongs to a log and starts with it, from nothing but the survey and a `CaptureStart` in
+the log. So the replay of a log is the same code on the same input, and gives the same stops to the
+last bit.
 """
 
 import math
@@ -38,17 +39,21 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
 SAMPLES_WAIT_NS = 500_000_000
-"""How long the samples of a closed dwell may take to arrive before it is judged without them."""
+"""Longest wait in ns for the samples of a closed dwell before the dwell is judged without them."""
 FAR_NS = 1 << 62
 """A time after everything: the log has ended, nothing is waited for."""
 LAG_S = 0.5
-"""How long the position registers may show another place than the stop that comes next before that place is believed."""
+"""Longest time in s for which the position registers may lag behind the stop signal at another
+place.
+"""
 PATIENCE = 10.0
-"""With the handshake, a stop that has not become steady after this many windows is taken as it is, and named doubtful."""
+"""Number of windows after which, with the handshake, an unsteady stop is taken nevertheless, and
+named doubtful.
+"""
 
 
 class Capture:
-    """Follows one log. Feed it every event in order; it returns what each brought about."""
+    """Follows a log. Feed every event in order; each call returns the outcomes."""
 
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
@@ -88,19 +93,23 @@ class Capture:
 
     @property
     def machine_waits(self) -> bool:
-        """Tell whether the machine stands at a stop that is not captured yet, and goes on only when it is."""
+        """Return whether the machine stands at a stop that is not captured yet, and waits for its
+        capture.
+        """
         dwell = self.tracker.open
         return self._handshake and dwell is not None and dwell.from_ns != self._taken_from_ns
 
     @property
     def driven_out(self) -> bool:
-        """Tell whether the machine has left the last stop of its pass, which is taken in a moment: nothing needs the beam any more."""
+        """Return whether the machine has left the last stop of its pass, which is taken in a moment: nothing needs the beam any more."""
         walk = self.walk
         return walk is not None and not self.ended and walk.expected == len(walk.route) - 1 and bool(self._pending)
 
     @property
     def standing(self) -> Signals | None:
-        """Return the signals of the stop that the machine stands at where that is taken already: it is not for the log that follows."""
+        """Return the signals of a stop already taken at which the machine still stands: this stop
+        is not for the log that follows.
+        """
         dwell = self.tracker.open
         if dwell is None or self._went_on:  # the first stop of another setup is for the log that follows
             return None
@@ -108,7 +117,7 @@ class Capture:
         return dwell.signals if taken else None
 
     def feed(self, event: Event) -> list[Outcome]:
-        """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
+        """Take an event; return its stops, findings and the end of the pass, in order."""
         outcomes = self._followed(event)
         return self._as_raised(outcomes) if outcomes else outcomes
 
@@ -117,11 +126,13 @@ class Capture:
         return sum(each.watched and each.time_ns <= until_ns for each in self.laser.breaks)
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding of the passes as far as it is raised now: one cause may explain it."""
+        """Return a finding of the passes as far as raised now: a cause may explain it."""
         return self._cause.heed(found)
 
     def _as_raised(self, outcomes: list[Outcome]) -> list[Outcome]:
-        """Return the outcomes without the findings that one cause explains, or may yet explain; the end of a pass decides it."""
+        """Return the outcomes without the findings that a cause explains, or may yet explain; the
+        end of a pass decides.
+        """
         raised: list[Outcome] = []
         for each in outcomes:
             if isinstance(each, Ended):
@@ -161,11 +172,15 @@ class Capture:
         return [*self._as_raised(outcomes), *self._cause.released()]
 
     def left_over(self) -> tuple[Break, ...]:
-        """Return what became of the laser's count after the last stop: it is for the log that goes on with the pass."""
+        """Return the breaks of the laser's count after the last stop, for the log that goes on with
+        the pass.
+        """
         return self._taker.left_over()
 
     def went_beyond(self) -> bool | None:
-        """Tell whether the machine was seen to go beyond the last stop of its pass, to come back from the other side; None: it may have."""
+        """Return whether the machine was seen to overrun the last stop of its pass, to come back from
+        the other side; None if it may have.
+        """
         walk = self.walk
         if walk is None or walk.last is None or walk.last.stop < len(walk.route) - 1:
             return False
@@ -233,7 +248,7 @@ class Capture:
             self._pending.add(closed)
 
     def _leaves(self, signals: Signals) -> bool:
-        """Tell whether a poll ends a standstill that is not taken yet."""
+        """Return whether a poll ends a standstill that is not taken yet."""
         dwell = self.tracker.open
         return dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
 
@@ -260,7 +275,9 @@ class Capture:
         outcomes.append(self.ended)
 
     def _samples_follow(self, event: Event) -> bool:
-        """Tell whether the samples up to this poll are worth waiting for: who spoke since the poll before soon speaks again."""
+        """Return whether the samples up to this poll are worth waiting for: a stream with bytes
+        since the poll before soon sends again.
+        """
         heard, polled = self._heard_since_poll, isinstance(event, ModbusBlock)
         self._heard_since_poll = isinstance(event, Chunk) or (heard and not polled)
         return heard and polled
@@ -268,7 +285,7 @@ class Capture:
     def _take_early(self, outcomes: list[Outcome]) -> None:
         """With the handshake the machine waits for us: take the stop as soon as a steady window of full length is in.
 
-        What is not here yet is not waited for, but for the chunk that follows each poll (`_samples_follow`).
+        No wait for missing samples, except for the chunk after each poll (`_samples_follow`).
         """
         dwell, rules = self.tracker.open, self._survey.stop
         if dwell is None or dwell.from_ns == self._taken_from_ns:
@@ -288,7 +305,9 @@ class Capture:
             self._take_dwell(known, outcomes)
 
     def _at_expected(self, signals: Signals) -> bool:
-        """Tell whether position and counter are those of the stop that comes next; the registers may lag behind the stop signal."""
+        """Return whether position and counter are those of the next stop; the registers may lag
+        behind the stop signal.
+        """
         walk = self.walk
         if walk is None or walk.ended or signals.commanded_mm is None:
             return True
@@ -329,7 +348,7 @@ class Capture:
             self._end("complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes)
 
     def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
-        """Let the standstill be judged together with those before it."""
+        """Let the standstill be judged together with the earlier standstills."""
         if self.head is not None and self._finder.is_head_run(dwell.signals):
             outcomes.extend(self._cause.leave())
             return

@@ -16,15 +16,17 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
-    """One stop of a pass, as it goes into the log and from there to the readings.
+    """A stop of a pass, as stored in the log and passed on to the readings.
 
-    ``position_mm`` is the commanded position as the machine gave it, as planned where it gives none. ``reading_mm`` is what the laser
-    says, sign applied, in its own length unit before any air correction, None where it sees nothing.
-    ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
-    why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubts`` why a person should look;
-    ``refused`` (a finding's code) why the reading must not be used; ``held`` names the conditions whose last credible value stands in for
-    them. ``turned``: it is the last stop of the pass before, at which the machine turned round and to which it came as on that pass.
-    ``channels`` are the means of the 4-DOF head.
+    ``position_mm`` is the commanded position from the machine, as planned without it.
+    ``reading_mm`` is the laser's reading, sign applied, in its own length unit before any air
+    correction, None without a beam. ``u_um`` is the standard uncertainty of the window's mean (of
+    the QD's lateral movement in a run of the 4-DOF head). ``broken`` is the reason why the laser's
+    count does not reach back to the stop before, ``unwatched`` why it may not; ``doubts`` the
+    reasons of a doubt; ``refused`` (a finding's code) the reason of an unusable reading; ``held``
+    names the conditions replaced by their last credible value. ``turned``: the last stop of the
+    pass before, at which the machine reversed and to which it came as on that pass. ``channels``
+    are the means of the 4-DOF head.
     """
 
     setup: str
@@ -60,7 +62,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def doubt_codes(self) -> tuple[str, ...]:
-        """Return the findings that a person should look at, each once."""
+        """Return the codes of the doubts, without duplicates."""
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
     def why(self, *codes: str) -> Words:
@@ -69,9 +71,9 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def from_log(fields: dict[str, Any]) -> CapturedStop:
-    """Return the stop that a log holds. Raises msgspec.ValidationError for another one.
+    """Return the stop in a log. Raises msgspec.ValidationError for other fields.
 
-    A log of before has one text for all doubts, and their codes beside it.
+    An old log has a common text for all doubts, and their codes beside it.
     """
     words, codes = fields.pop("doubtful", ""), fields.pop("doubt_codes", ())
     if words and "doubts" not in fields:
@@ -86,5 +88,5 @@ def remarks_of(doubts: Iterable[Message]) -> tuple[Remark, ...]:
 
 
 def marked(stop: CapturedStop, doubt: Message) -> CapturedStop:
-    """Return a stop that is doubtful for one more reason."""
+    """Return a stop with a further doubt."""
     return msgspec.structs.replace(stop, doubts=(*stop.doubts, *remarks_of([doubt])))

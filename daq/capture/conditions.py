@@ -1,7 +1,9 @@
-"""Air and material at a stop, judged while recording: what no hall can have is not believed, nor what jumps away from its own last value.
+"""Air and material at a stop, judged while recording: impossible values are rejected, and so are
+jumps from the last value.
 
-The last credible value is held instead, with an uncertainty that grows with its age. Where there never was one the survey file's counts,
-and the stop is doubted where the reading depends on it. A reading is taken in any case: its air can be put right afterwards.
+The last credible value is held instead, with an uncertainty that grows with its age. Without a last
+value the survey file's value counts, and the stop is doubted if the reading depends on it. A
+reading is taken in any case: its air can be corrected afterwards.
 """
 
 import math
@@ -20,14 +22,18 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
 BELIEVED_STOPS = 5
-"""A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""
+"""Number of consecutive stops that agree on a jumped value before it is accepted; the jump itself
+stays a doubt.
+"""
 STALE_NS = 60_000_000_000
-"""What a sensor sent longer ago is not its present reading: it has fallen silent."""
+"""Age in ns beyond which a sensor's value is no present reading: the sensor is silent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """How far a quantity may lie from its last credible value: at once, and more with every hour; and its unit."""
+    """Largest distance of a quantity from its last credible value: at once, and per hour; and its
+    unit.
+    """
 
     at_once: float
     an_hour: float
@@ -47,13 +53,16 @@ COURSES: Mapping[str, Course] = {
     "air_pressure_hpa": Course(2.0, 5.0, "hPa"),
     "relative_humidity_percent": Course(15.0, 30.0, "%"),
 }
-"""A door that is opened changes the air by so much from one stop to the next; weather changes its pressure by so much an hour."""
+"""Effect of an opened door on the air from a stop to the next; change of the weather's pressure per
+hour.
+"""
 
 
 UNITS_HPA: Mapping[str, float] = {"kPa": 10.0, "mmHg": 1.333224, "inHg": 33.86389, "Pa": 0.01, "psi": 68.94757, "bar": 1000.0}
 UNIT_NEAR, UNIT_FAR = 0.06, 0.2
-"""A pressure is in another unit where that brings it to the pressure of [environment], weather allowed for, and it is no height of a hall:
-760 mmHg is the air at sea level, 760 hPa that at 2300 m."""
+"""A pressure is in another unit if this unit brings it to the pressure of [environment], within the
+weather, and it is no height of a hall: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
+"""
 
 
 class Credible(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,11 +73,11 @@ class Credible(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Teller(Protocol):
-    """Who tells of air and material."""
+    """A source of air and material."""
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """What it sent last, by the names of the signals."""
+        """The newest values, by the names of the signals."""
         ...
 
 
@@ -88,7 +97,8 @@ class Judged:
 def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int, *, silent: float | None = None) -> Signals:
     """Return the signals with what the sensor, or the laser's own sensors, sent, where the survey takes air and material from them.
 
-    ``silent`` stands for what it should tell and has not for `STALE_NS`: None, or NaN for who judges it (`Conditions`).
+    ``silent`` names its expected values without a reading for `STALE_NS`: None, or NaN for who
+    judges it (`Conditions`).
     """
     names = condition_names(survey, sensor)
     if not names:  # asked for every event: what the sensor has sent is decoded only where somebody takes it
@@ -98,7 +108,9 @@ def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int
 
 
 def condition_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
-    """Return the conditions that a sensor or the laser is to tell, and those that the laser tells besides; none where neither is asked."""
+    """Return the conditions expected from a sensor or the laser, and further conditions of the
+    laser; none without such a source.
+    """
     own = promised(survey)
     own_sensors = sensor.conditions if survey.environment.source == "laser" else ()
     return (*own, *(name for name in own_sensors if name in COURSES and name not in own))
@@ -113,7 +125,9 @@ def needed_conditions(survey: Survey) -> tuple[str, ...]:
 def believed_before(
     survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int, credible: Mapping[str, Credible]
 ) -> dict[str, Credible]:
-    """Return the values that a log begins with: those of the logs before, and what a sensor has sent since, as far as it is credible."""
+    """Return the values at the beginning of a log: the values of the logs before, and the sensor's
+    values since, if credible.
+    """
     fresh = sensor.conditions_since(now_ns - STALE_NS)
     measured = {name: fresh[name] for name in condition_names(survey, sensor) if name in fresh}
     conditions = Conditions(survey, credible)
@@ -146,7 +160,7 @@ class Conditions:
         return judged
 
     def _believe(self, name: str, value: float, time_s: float, judged: Judged) -> float | None:
-        """Return the value that counts: as it is, the last credible one, or None where there is none."""
+        """Return the valid value: unchanged, the last credible value, or None without one."""
         last = self._credible.get(name)
         if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
             return last.value  # of before this log began
@@ -167,7 +181,7 @@ class Conditions:
         return None if held is None else held.value
 
     def _wrong(self, name: str, value: float, time_s: float) -> Trouble | None:
-        """Return the finding's code of a value that is not believed; None for one that is."""
+        """Return the finding's code of a rejected value; None for an accepted value."""
         if math.isnan(value):
             return "conditions-held.silent"
         if not _possible(name, value) or self._unit(name, value):
@@ -176,14 +190,16 @@ class Conditions:
         return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else None
 
     def _unit(self, name: str, value: float) -> str:
-        """Return the unit in which a pressure is that of [environment]; empty where it is one in hPa, or in none."""
+        """Return the unit in which a pressure agrees with [environment]; empty for hPa, or for
+        none.
+        """
         stated = self._environment.air_pressure_hpa
         if name != "air_pressure_hpa" or name in self._credible or abs(value / stated - 1) <= UNIT_FAR:
             return ""
         return next((unit for unit, hpa in UNITS_HPA.items() if abs(value * hpa / stated - 1) <= UNIT_NEAR), "")
 
     def _agreed(self, name: str, value: float) -> bool:
-        """Tell whether enough stops in a row agree on a value after its jump."""
+        """Return whether enough stops in a row agree on a value after its jump."""
         seen = [other for other in self._jumped.get(name, []) if abs(other - value) <= COURSES[name].at_once]
         self._jumped[name] = [*seen, value]
         return len(self._jumped[name]) >= BELIEVED_STOPS
@@ -193,7 +209,7 @@ class Conditions:
         return course.at_once + course.an_hour * max(0.0, time_s - self._credible[name].time_s) / 3600.0
 
     def _unknown(self, name: str, value: float) -> list[Message]:
-        """Return the doubt where the reading depends on what nobody has measured."""
+        """Return the doubt of a reading that depends on an unmeasured quantity."""
         if name in self._credible or name not in self._needed:
             return []
         unit, stated = COURSES[name].unit, getattr(self._environment, name)

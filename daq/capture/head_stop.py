@@ -1,7 +1,7 @@
 """A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this axis.
 
-The head is steady when its quadrant detector is. A slide that coasts in shows there as vibration, not as travel; that the machine
-stands at all is Modbus's word.
+The head is steady when its quadrant detector is. A slide that coasts in shows there as vibration,
+not as travel; only Modbus reports that the machine stands at all.
 """
 
 import math

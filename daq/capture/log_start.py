@@ -1,4 +1,6 @@
-"""What a capture begins with: where the survey stood when its log began. It stands in the log, so that a replay begins alike."""
+"""State of the survey at the beginning of its log. The state stands in the log, so that a replay
+begins alike.
+"""
 
 from collections.abc import Mapping
 
@@ -13,12 +15,15 @@ from stepdiag.daq.timing.stream import Break
 
 
 class PassHint(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a setup stands when a log begins: the direction and the stop that come next, and what was read last.
+    """State of a setup at the beginning of a log: direction and number of the next stop, and the
+    last reading.
 
-    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the pass
-    before in the other direction: a program that turns round there begins its way back with it. ``believed`` are the readings of the stops
-    with which a pass ended and which nobody could place: they were its first ones if the machine goes on by the step that follows from
-    those. ``numbers`` are those of the next pass out and the next pass back, which may have an order of axes of their own.
+    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route.
+    ``turn`` is the last stop of the pass before in the other direction: a program that reverses
+    there begins its way back with this stop. ``believed`` are the readings of unplaced stops at the
+    end of a pass: they were its first stops if the machine goes on by the step after these.
+    ``numbers`` are those of the next pass out and the next pass back, which may have an order of
+    axes of their own.
     """
 
     outward: bool = True
@@ -32,13 +37,16 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a capture needs from before its log: the setups in the order they are wanted, and the stop already taken.
+    """The facts from before a log that a capture needs: the wanted setups in order, and the stop
+    already taken.
 
-    ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
-    lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
-    ``credible`` the last values of air and material that were believed. ``beyond`` tells whether the log before has seen the machine go
-    beyond its last stop; None where nobody can say, and in logs of versions that did not. ``down`` are the links that are down, ``named``
-    the lines of the survey file that earlier logs have named as wrong.
+    ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as at the
+    beginning of the recording, so that all stops lie on a common axis of time even if the clock is
+    set meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
+    ``credible`` the last credible values of air and material. ``beyond``: whether the log before
+    has seen the machine overrun its last stop; None if unknown, and in logs of older versions.
+    ``down`` are the links that are down, ``named`` the lines of the survey file named as wrong by
+    earlier logs.
     """
 
     hints: dict[str, PassHint]

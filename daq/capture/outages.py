@@ -10,11 +10,11 @@ LINK_DOWN: dict[Link, Message] = {
     "laser": message("samples-missing.laser"),
     "head": message("samples-missing.head"),
 }
-"""What is named once an outage."""
+"""Losses named once an outage."""
 
 
 class Outages:
-    """Follows the links of one log. ``down`` are those that were down at its beginning."""
+    """Follows the links of a log. ``down`` are the links that were down at its beginning."""
 
     def __init__(self, down: Collection[Link] = ()) -> None:
         self._last: dict[Link, tuple[float, float]] = dict.fromkeys(down, (-math.inf, math.inf))
@@ -29,12 +29,12 @@ class Outages:
             self._last[event.link] = event.time_ns, math.inf
 
     def covers(self, link: Link, from_ns: int, to_ns: int) -> bool:
-        """Tell whether a link was down at some time of a closed span."""
+        """Return whether a link was down at some time of a closed span."""
         begin, end = self._last.get(link, (0.0, -math.inf))
         return begin <= to_ns and end >= from_ns
 
     def news(self, link: Link) -> bool:
-        """Tell, once an outage, that it has not been named yet."""
+        """Return whether a loss is new, once an outage."""
         this = link, self._last[link][0]
         new = this not in self._named
         self._named.add(this)

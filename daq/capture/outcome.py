@@ -1,4 +1,4 @@
-"""What following a log brings about: stops, findings, and the end of its pass."""
+"""Outcomes of following a log: stops, findings, and the end of its pass."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,6 @@
-"""From a dwell on a pass to its stop: which stop it is, what it reads, and whether the laser's count reaches back to the stop before."""
+"""From a dwell on a pass to its stop: its number, its reading, and whether the laser's count
+reaches back to the stop before.
+"""
 
 import math
 from collections import defaultdict
@@ -36,7 +38,9 @@ ROUNDED_MM = 0.1
 """Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty
 increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
-"""A difference is reported again where it is larger by so much than the one reported of the pass before."""
+"""Factor by which a difference must exceed the difference reported of the pass before to be
+reported again.
+"""
 
 FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side"),
@@ -65,10 +69,12 @@ class StopTaker:
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._believed: list[tuple[Dwell, list[Taken]]] = []
-        """The standstills that nobody can place, while they may be the first stops of a pass begun anew."""
+        """The unplaced standstills, while they may be the first stops of a pass begun anew."""
 
     def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
-        """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the last stop of the pass before."""
+        """Take the stop of a dwell, and the stops before it that Modbus missed. ``turn`` is the
+        last stop of the pass before.
+        """
         by_laser = dwell.signals.commanded_mm is None and placing is self._laser
         if not by_laser and walk.is_bounce(dwell.signals):
             return
@@ -98,10 +104,12 @@ class StopTaker:
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
     def _turned_round(self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]) -> bool:
-        """Tell whether a pass begins with the reading at which the one before it ended: the machine turned round at that stop.
+        """Return whether a pass begins with the last reading of the pass before: the machine
+        reversed at this stop.
 
-        Who went beyond it came back from the other side: then the pass has a first stop of its own, seen or not. Where nobody can say, one
-        that was not seen is taken for the other: the count does not reach back beyond doubt.
+        A machine with an overrun came back from the other side: then the pass has a first stop of
+        its own, seen or not. If this is unknown, an unseen overrun counts as none: the count does
+        not reach back beyond doubt.
         """
         head_run = self._head is not None and walk.route.travel.is_fourdof
         if head_run or self._beyond is None or self._breaks_before(dwell.from_ns):
@@ -117,9 +125,11 @@ class StopTaker:
         return False
 
     def _think_again(self, walk: Walk, reading_mm: float, outcomes: list[Outcome]) -> None:
-        """Take the standstills that nobody could place for the first stops of the pass, where the steps say that it was begun anew.
+        """Take the unplaced standstills for the first stops of the pass, if the steps show that it
+        was begun anew.
 
-        Where a pass that goes on has the same steps, as in a cube, only who went back by the unbroken count is known to have begun anew.
+        If a continued pass has the same steps, as in a cube, only a way back on the unbroken count
+        proves a new beginning.
         """
         believed = self._believed
         readings = [*(windows[0].window.mean_mm for _, windows in believed), reading_mm]
@@ -156,9 +166,10 @@ class StopTaker:
         return [walk.finding("error", index, LINK_DOWN[link])] if self._outages.news(link) else []
 
     def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
-        """Return why a stop may have been come to in the direction of the other pass; None where it was not.
+        """Return the reason why a stop may have been reached in the direction of the other pass;
+        None otherwise.
 
-        Who came so has every axis on that side until it moves.
+        Every axis is then on the other side until it moves.
         """
         side = self._last_move(walk, index, dwell, taken)
         if side:
@@ -170,11 +181,13 @@ class StopTaker:
         return side or (NOT_ALL_MOVED if self._other_side else None)
 
     def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
-        """Return the finding of the last move to a stop; None where it was that of the pass."""
+        """Return the finding of the last move to a stop; None for the move of the pass."""
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
-            return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else None
+            if came_back:
+                return FROM_BEYOND
+            return FROM_WHERE if self._turn_unseen and along is None else None
         if not self._both_ways or walk.judge(index, taken.window.mean_mm) is not None:
             return None
         along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
@@ -184,7 +197,9 @@ class StopTaker:
         return FROM_BEYOND if along is False else None
 
     def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
-        """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
+        """Take a stop of the 4-DOF head. The head does not count: a beam cut in between costs
+        nothing, and no step can judge it.
+        """
         outcomes += [walk.finding("warning", index, words) for words in troubles(head, dwell)]
         if taken is None:
             outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.head"))
@@ -195,7 +210,9 @@ class StopTaker:
         walk.advance(stop)
 
     def _recover(self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]) -> None:
-        """Look for a stop that Modbus missed in the laser's readings since the stop before; its level in mm tells it from others."""
+        """Look for a stop that Modbus missed in the laser's readings since the stop before; its
+        level in mm separates it from others.
+        """
         end = float(dwell.from_ns)
         taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
         if taken is None:
@@ -235,7 +252,9 @@ class StopTaker:
         walk.advance(stop)
 
     def _breaks_up_to(self, time_ns: int) -> tuple[Words, Words]:
-        """Return why the count was lost since the last stop, and why it may have been; empty where it was not."""
+        """Return the reasons of certain and possible losses of the count since the last stop; empty
+        without a loss.
+        """
         seen = [event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns]
         breaks, self._before = (*self._before, *seen), ()
         self._breaks_seen += len(seen)
@@ -243,7 +262,7 @@ class StopTaker:
         return lost[-1] if lost else "", unseen[-1] if unseen else ""
 
     def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
-        """Tell whether the laser's count at the beginning of a dwell is still that of the stops before."""
+        """Return whether the laser's count at the beginning of a dwell is still that of the stops before."""
         return not any(each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns))
 
     def _breaks_before(self, until_ns: float) -> list[Break]:
@@ -269,7 +288,7 @@ def _reading_mm(taken: list[Taken]) -> float | None:
 
 
 def _share_turn(walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]) -> None:
-    """Begin a pass with the last stop of the one before it: the same reading, of the same moment."""
+    """Begin a pass with the last stop of the pass before: the same reading, of the same moment."""
     place = {"setup": walk.route.setup, "outward": walk.route.outward, "stop": 0, "axis": "", "stop_count": stop_count}
     stop = msgspec.structs.replace(turn, **place, broken="", unwatched="", turned=True)
     outcomes.append(stop)
@@ -277,7 +296,9 @@ def _share_turn(walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes
 
 
 class PositionCheck:
-    """Compares stop by stop and says each pass what is new. The machine's word counts, the readings carry it."""
+    """Compares stop by stop and reports new differences once a pass. The machine's word counts, the
+    readings carry it.
+    """
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
@@ -352,7 +373,9 @@ def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: Str
 def make_head_stop(
     route: Route, stop: int, signals: Signals, taken: Taken, head: StreamBuffer, laser: StreamBuffer, wall_offset_ns: int
 ) -> CapturedStop:
-    """Return the stop that a window of the head gives; its reading is the laser's mean over the same window, None where it sees nothing."""
+    """Return the stop of a window of the head; its reading is the laser's mean over the same
+    window, None without a beam.
+    """
     made = make_stop(route, stop, signals, taken, head, wall_offset_ns)
     seen = laser.span(taken.from_ns, taken.to_ns).position_mm
     reading = float(np.mean(seen)) if len(seen) >= MIN_SAMPLES and np.isfinite(seen).all() else None

@@ -1,8 +1,10 @@
-"""A survey file that was corrected after its logs: what another file changes, and the same logs read by it.
+"""A survey file corrected after its logs: the changes of another file, and the same logs read by
+it.
 
-A log is never written to. A correction is one JSON object a line in ``corrected.jsonl`` beside the logs: who, when, the lines that
-changed, and the survey file as it counts from then on. Where a pass ends depends on the file, so the logs of a round are read as one
-stream of events by the session that recorded them: a pass that a wrong map cut in two is whole again.
+A log is never written to. A correction is a JSON object a line in ``corrected.jsonl`` beside the
+logs: operator, time, the changed lines, and the survey file valid from then on. The end of a pass
+depends on the file, so the logs of a round are read as a single stream of events by the session
+that recorded them: a pass cut in two by a wrong map is whole again.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,9 +44,9 @@ NEW_ROUND = (
     "plan.targets",
     "plan.beam_offset",
 )
-"""What changes how the machine is driven: another volume, target list or program."""
+"""Fields that change the drive of the machine: another volume, target list or program."""
 READING = ("volume.axis_order", "plan.axis_orders", "laser", "plc", "head", "stop", "environment")
-"""What changes how registers and laser are read."""
+"""Fields that change the reading of registers and laser."""
 WAYS = (
     "port",
     "baud",
@@ -60,7 +62,7 @@ WAYS = (
     "timeout_s",
     "handshake",
 )
-"""How they are reached: whatever of it changes, the bytes in the logs stay what they are."""
+"""Fields of the connections: their changes leave the bytes in the logs unchanged."""
 
 
 class Correction(msgspec.Struct, frozen=True, kw_only=True):
@@ -77,7 +79,7 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Change(msgspec.Struct, frozen=True):
-    """One line of a survey file that differs: its dotted name, and both values as JSON."""
+    """A changed line of a survey file: its dotted name, and both values as JSON."""
 
     line: str
     before: str
@@ -88,17 +90,17 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def begins_round(self) -> bool:
-        """Tell whether the machine has to be driven anew."""
+        """Return whether the machine has to be driven anew."""
         return _within(self.line, NEW_ROUND) and not self._renames
 
     @property
     def reads_otherwise(self) -> bool:
-        """Tell whether the logs are to be read anew."""
+        """Return whether the logs are to be read anew."""
         return self._renames or (_within(self.line, READING) and not any(part in WAYS for part in self.line.split(".")[1:2]))
 
     @property
     def _renames(self) -> bool:
-        """Tell whether the same setups stand in another order: the logs are of each other's setup."""
+        """Return whether the same setups stand in another order: the logs are of each other's setup."""
         if self.line != "plan.setups":
             return False
         before, after = (sorted(msgspec.json.decode(value, type=list[str])) for value in (self.before, self.after))
@@ -143,9 +145,10 @@ def text_of(folder: Path, logs: Sequence[Path]) -> str:
 
 
 def compared(recorded: str, text: str) -> list[Change] | None:
-    """Return what a survey file changes of the one that counts; None where the old one cannot be read any more.
+    """Return the changes of a survey file against the valid file; None if the old file is
+    unreadable by now.
 
-    Further setups are no change: what is recorded stays as it is.
+    Further setups are no change: the recording stays valid.
     """
     if recorded == text:
         return []
@@ -157,13 +160,15 @@ def compared(recorded: str, text: str) -> list[Change] | None:
 
 
 def drives_otherwise(recorded: str, text: str) -> bool:
-    """Tell whether a survey file wants the machine driven otherwise than the one that counts, or that one cannot be read any more."""
+    """Return whether a survey file changes the drive of the machine against the valid file, or the
+    latter is unreadable by now.
+    """
     found = compared(recorded, text)
     return found is None or any(each.begins_round for each in found)
 
 
 def must_reread(logs: Sequence[Path], text: str) -> bool:
-    """Tell whether the logs' own notes do not hold what a survey file makes of them."""
+    """Return whether the logs' own notes do not hold what a survey file makes of them."""
     recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)
     found = [compared(each, text) for each in recorded if each != text]
     return any(each is None or any(change.reads_otherwise for change in each) for each in found)
@@ -172,9 +177,10 @@ def must_reread(logs: Sequence[Path], text: str) -> bool:
 def replay_corrected(
     logs: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
 ) -> Replayed:
-    """Return what the logs of a round say by the survey file that counts: as they were recorded, or read by a corrected file.
+    """Return the contents of a round's logs by the valid survey file: as recorded, or read by a
+    corrected file.
 
-    ``survey_file`` stands for it where that cannot be used. Raises as `replay`.
+    ``survey_file`` replaces an unusable file. Raises as `replay`.
     """
     text = read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
     headers = [open_log(log).header for log in logs]
@@ -209,9 +215,11 @@ def _end_of(path: Path) -> LogEnd | None:
 def reread(
     logs: Sequence[Path], text: str, source: str, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()
 ) -> tuple[Session, list[tuple[Path, Outcome]]]:
-    """Return the session that has read the events of a round's logs by a survey file, and what each log brought about.
+    """Return the session after reading the events of a round's logs by a survey file, and the
+    outcomes of each log.
 
-    What a log repeats from before it was opened is read once. Raises as `parse_survey` and `open_log`.
+    Events that a log repeats from before its opening are read once. Raises as `parse_survey` and
+    `open_log`.
     """
     survey = parse_survey(text, source)
     found: list[tuple[Path, Outcome]] = []

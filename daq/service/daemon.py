@@ -45,9 +45,9 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 
 PUBLISH_S = 0.1
-"""How often the snapshot is made anew."""
+"""Period of the snapshot in s."""
 LOOK_S = 0.5
-"""How often the verdicts of persons are looked for where nothing else has happened."""
+"""Period in s of the search for new verdicts without another event."""
 LIVE_S = 1.0
 """Period of the file that `status` shows of a running daemon, in s."""
 _log = structlog.get_logger("daemon")

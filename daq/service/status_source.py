@@ -52,7 +52,7 @@ class Working:
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
-    """What a person must see at once, in words."""
+    """The urgent alarms, in words."""
     corrects: tuple[str, ...] = ()
     """The lines of the survey file that were changed since it was read, where the passes stay those that were driven."""
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct

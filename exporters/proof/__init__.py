@@ -1,5 +1,5 @@
-"""The proof run after loading: one diagonal and one line, judged table by table.
+"""The proof run after loading: a diagonal and a line, judged table by table.
 
-In: readings of the survey and of the proof run, the tables that act. Out: a verdict for each table, and keep or restore.
-Imported by `stepdiag` alone.
+In: readings of the survey and of the proof run, the active tables. Out: a verdict per table, and
+keep or restore. Imported by `stepdiag` alone.
 """

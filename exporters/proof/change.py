@@ -1,4 +1,6 @@
-"""What loading changes along the setups of a proof run: measured from readings, and predicted from the tables that act."""
+"""The change by loading along the setups of a proof run: measured from readings, and predicted from
+the active tables.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +16,7 @@ from stepdiag.exporters.safety.verdicts.regression import Measured, measured
 from stepdiag.exporters.tables.tables import Table, correction_um
 
 SAME_MM = 1.0
-"""Two stops of one pass are farther apart; commanded and actual position of one are nearer."""
+"""Two stops of a pass are farther apart; commanded and actual position of a stop are nearer."""
 SCALE_UM_M = 5.0
 """Standard uncertainty of a length between survey and proof run: half a degree of the material."""
 
@@ -30,7 +32,7 @@ class Way:
 
     @property
     def signs(self) -> Vector:
-        """Return the direction in which each axis travels, 0 for one that stands, shape (3,)."""
+        """Return the direction of each axis' travel, 0 for a standing axis, shape (3,)."""
         signs: Vector = np.sign(np.round(self.along, 6)) * (1 if self.outward else -1)
         return signs
 
@@ -45,9 +47,10 @@ class Way:
 
 
 def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Vector]]:
-    """Yield each way of each of some setups with the mean deviation of its passes there, in um: reading less position along the beam.
+    """Yield each way of each of some setups with the mean deviation of its passes there, in um:
+    reading less position along the beam.
 
-    Of passes that move the axes in another order than the first one the first counts alone.
+    If passes move the axes in other orders than the first pass, the first counts alone.
     """
     passes = readings.passes()
     for setup in setups:
@@ -66,7 +69,9 @@ def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Ve
 
 
 def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
-    """Return the ways that survey and proof run share, and the change from one to the other at all of their stops in turn, in um."""
+    """Return the common ways of survey and proof run, and the change from the former to the latter
+    at all their stops in turn, in um.
+    """
     ways, parts = [], [np.zeros(0)]
     setups = list(dict.fromkeys(after.setup))
     then = list(ways_of(before, setups))
@@ -83,7 +88,9 @@ def _same(one: Vector, other: Vector) -> bool:
 
 
 def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
-    """Return what is seen of the tables of each function at all stops in turn, in um; tables of one function act together."""
+    """Return the seen effect of each function's tables at all stops in turn, in um; tables of a
+    function act together.
+    """
     seen: dict[str, Vector] = {}
     for table in tables:
         own = np.concatenate([way.seen_um(table) for way in ways])
@@ -92,7 +99,7 @@ def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
 
 
 def exchanged(table: Table, one: str, other: str) -> Table:
-    """Return a table as it acts where two axes were taken for each other."""
+    """Return a table in its action with two axes exchanged."""
     names = {one: other, other: one}
     lever = None if table.multiplier is None else replace(table.multiplier, axis=names.get(table.multiplier.axis, table.multiplier.axis))
     moving, output = (names.get(axis, axis) for axis in (table.input_axis, table.output_axis))
@@ -100,11 +107,11 @@ def exchanged(table: Table, one: str, other: str) -> Table:
 
 
 def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]) -> Measured:
-    """Return the regression of a change on what is seen of each function.
+    """Return the regression of a change on the seen effect of each function.
 
-    Free beside it are an origin for each way, for each diagonal the two leans of its mirror, which was set up anew, and a scale within
-    `SCALE_UM_M`. The scatter has two parts of one size: that of each reading, and that of each arrival of an axis, which stays until it
-    moves again.
+    Free beside it are an origin per way, for each diagonal the two leans of its newly set up
+    mirror, and a scale within `SCALE_UM_M`. The scatter has two parts of the same size: that of
+    each reading, and that of each arrival of an axis, which stays until its next move.
     """
     count = len(change_um)
     begins = np.cumsum([0, *(len(way.stops_mm) for way in ways)])

@@ -1,17 +1,21 @@
-"""Theory of operation: is each table in the control the one that was exported? Ten minutes of readings answer.
+"""Theory of operation: is each table in the control the exported table? Ten minutes of readings
+answer.
 
-    change = sum over functions of factor * what the laser sees of the function's tables + origin, leans and scale of the new set-up
+    change = sum over functions of factor * effect of the function's tables seen by the laser +
+    origin, leans and scale of the new set-up
 
-The factor is 1 where a table acts as exported, -1 where its sign is turned, 0 where it does not act, a half or 2 where its weight is wrong
-or it was loaded twice; where two axes were taken for each other, the tables of both act along the wrong one. Faults have causes, so one
-fault explains one function, all functions of a kind of table, or all. Explanations are added one at a time, as long as each makes the
-readings `NAMED` times as likely as those before it.
+The factor is 1 for a table that acts as exported, -1 for a turned sign, 0 for an inactive table, a
+half or 2 for a wrong weight or a double loading; if two axes were exchanged, the tables of both act
+along the wrong axis. Faults have causes, so a fault explains a function, all functions of a kind of
+table, or all. Explanations are added one at a time, as long as each makes the readings `NAMED`
+times as likely as before.
 
 Any other factor is a table in another size: beyond what `verdicts.regression` lets pass, and beyond U of the factor.
 
-A table is decided where every other state of it makes the readings `SURE` times less likely, by itself and with all of its kind; one that
-is not decided is shown with its factor and U. The tables are kept where every one of them is decided to be right, or too small to matter:
-what the states that remain differ by is no more than U of the survey's own readings.
+A table is decided if every other state makes the readings `SURE` times less likely, by itself and
+with all of its kind; an undecided table is shown with its factor and U. The tables are kept if
+every table is decided to be right, or too small to matter: the remaining states differ by no more
+than U of the survey's own readings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -73,12 +77,16 @@ class Proof:
     def action(self) -> Literal["keep", "restore", "undecided"]:
         """Return what the states of the tables come to."""
         states = {each.state for each in self.tables}
-        return "restore" if "wrong" in states else "undecided" if "undecided" in states else "keep"
+        if "wrong" in states:
+            return "restore"
+        return "undecided" if "undecided" in states else "keep"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Explained:
-    """One explanation of the readings: the state of each function, and what the laser sees of all together."""
+    """An explanation of the readings: the state of each function, and the laser's view of all
+    together.
+    """
 
     states: Mapping[str, tuple[Code, float]]
     predicted_um: Vector
@@ -114,7 +122,9 @@ class _Case:
         return _Explained(states=dict.fromkeys(self.seen, STATES[0]), predicted_um=sum(self.seen.values(), self.nothing))
 
     def others(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations that differ from one by one cause: another factor of a group, or two axes taken for each other."""
+        """Yield explanations with a further cause: another factor of a group, or two exchanged
+        axes.
+        """
         for group in self.groups:
             for state in STATES:
                 if any(than.states[name] != state for name in group) and all(than.states[name][0] != "axes-swapped" for name in group):
@@ -126,7 +136,7 @@ class _Case:
                 yield self._exchanged(than, some, *pair)
 
     def sized(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations in which the factor of one group is the one that fits best, where that is no longer the state it has."""
+        """Yield explanations with the best factor of a group, if this is no longer its state."""
         for group in self.groups:
             together = sum((self.seen[name] for name in group), self.nothing)
             beside = than.predicted_um - sum((than.states[name][1] * self.seen[name] for name in group), self.nothing)
@@ -148,10 +158,11 @@ class _Case:
 
 
 def prove(result: Result, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table] = ()) -> Proof:
-    """Return what a proof run shows: ``before`` are the readings of the survey with this ``result``, ``after`` its own.
+    """Return the result of a proof run: ``before`` are the readings of the survey with this
+    ``result``, ``after`` its own.
 
-    ``acting`` are the tables that were to act in it, ``replaced`` those that acted in the survey. Raises ``DataError`` where the two share
-    no stops, or see nothing of any table.
+    ``acting`` are the tables meant to act in it, ``replaced`` the tables active in the survey.
+    Raises ``DataError`` if the two share no stops, or see nothing of any table.
     """
     case = _Case(before, after, acting, replaced)
     best = case.right()
@@ -190,13 +201,15 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _code(factor: float, u: float) -> Code:
-    """Return the state that a factor stands for, within the size that is let pass or its uncertainty; else scaled."""
+    """Return the state of a factor, within the tolerated size or its uncertainty; else scaled."""
     code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
     return code if abs(factor - exact) <= max(SIZED, 2.0 * u) else "scaled"
 
 
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function (of a product its first one) from the readings alone, rms over its positions; 0 of one that is not known."""
+    """Return U of a function (of a product its first function) from the readings alone, rms over
+    its positions; 0 for an unknown function.
+    """
     found = result.errors.get(function[:3])
     u = None if found is None else found.u if found.u_readings is None else found.u_readings
     return 0.0 if u is None else 2.0 * rms(u)

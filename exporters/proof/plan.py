@@ -1,4 +1,6 @@
-"""The proof run before it is driven: which diagonal and which line, how often, and what it will see of each table."""
+"""The proof run before its drive: its diagonal and line, number of passes, and its view of each
+table.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +25,7 @@ USUAL_UM = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Foreseen:
-    """What the laser will see of the tables of one function (rms over the stops, um), and U (k = 2) of it."""
+    """The laser's view of the tables of a function (rms over the stops, um), and its U (k = 2)."""
 
     function: str
     seen_um: float
@@ -41,10 +43,11 @@ class ProofPlan:
 
 
 def plan_proof(result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float) -> ProofPlan:
-    """Return the diagonal and the line of a survey that tell most of the table that they tell least of, repeated within ``minutes`` of
-    driving, once at least.
+    """Return the diagonal and the line of a survey with the best view of the least visible table,
+    repeated within ``minutes`` of driving, once at least.
 
-    Raises ``DataError`` for a survey without a diagonal, and where it sees nothing of any table.
+    Raises ``DataError`` for a survey without a diagonal, and for a survey that sees nothing of any
+    table.
     """
     names = [run.setup for run in driven.runs if run.setup in readings.setup]
     diagonals, lines = ([name for name in names if name in some] for some in (BODY_DIAGONALS, LINES))

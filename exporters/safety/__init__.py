@@ -1,4 +1,4 @@
-"""What must hold before a file reaches a control, and what it will do there.
+"""Conditions for a file before it reaches a control, and its effect there.
 
 In: tables, profile, files. Out: refusals, restore files, verdicts, the sign test. Imported by export and `stepdiag`.
 """

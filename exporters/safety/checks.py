@@ -1,8 +1,9 @@
 """The safety checks before anything is written (controllers.md 10), each with its own code.
 
-An error refuses the export. A warning refuses it too unless its code is accepted by name. What is only reported, and never
-refuses, is in ``remarks``. Numbers in the docstrings are those of controllers.md 10; 1 (grid), 5 (overlap) and 9 (axes) are in part made
-where the numbers arise: in the profile and in the controller modules.
+An error refuses the export. A warning refuses the export too unless its code is accepted by name.
+Findings that never refuse are in ``remarks``. Numbers in the docstrings are those of controllers.md
+10; 1 (grid), 5 (overlap) and 9 (axes) are in part made where the numbers arise: in the profile and
+in the controller modules.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -73,7 +74,8 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """3: the change against the previous tables of the same function. What becomes of old tables beside it is in `standing`.
+    """3: the change against the previous tables of the same function. `standing` judges the old
+    tables beside it.
 
     A table of zeros is no previous table: the first compensation of a machine is judged by its size alone (check 2).
     """
@@ -187,7 +189,9 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
-    """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
+    """13: the solver's findings about the data, and the correction against repeatability and its
+    own uncertainty.
+    """
     for each in case.result.findings:
         if each.severity == "error":
             yield finding("error", message("data-quality", code=each.code, what=each.words))
@@ -237,7 +241,7 @@ LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_unit
 
 
 def limit_findings(controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]) -> tuple[Finding, ...]:
-    """Return what the limits of control and profile say about tables, wherever they come from."""
+    """Return the violations of the limits of control and profile by tables of any source."""
     today = date.min  # no check of a limit asks for the day
     case = Case(controller=controller, profile=profile, result=result, curves=(), tables=tables, previous=(), today=today)
     broken = tuple(check_finite(case))
@@ -255,7 +259,9 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
-    """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that nobody accepted."""
+    """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that
+    is not accepted.
+    """
     refusing = [item for item in findings if item.severity != "info"]
     open_findings = [item for item in refusing if item.severity == "error" or not item.is_accepted(accept)]
     if not open_findings:
@@ -292,7 +298,9 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
 
 
 def _travel_mm(table: Table) -> float:
-    """Return the travel that the errors of a table grow with: its own, or that of the lever of its angle."""
+    """Return the travel of the growth of a table's errors: its own, or that of the lever of its
+    angle.
+    """
     spans = [table.position_mm] if table.multiplier is None else [table.position_mm, table.multiplier.position_mm]
     return float(max(np.ptp(span) for span in spans))
 

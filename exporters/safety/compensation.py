@@ -1,8 +1,11 @@
-"""What was active in the control while a machine was measured: part of the measurement, as `survey` in the result says it.
+"""Compensation active in the control during the measurement: part of the measurement, stated in
+`survey` of the result.
 
-A table made from what a compensated machine still shows, loaded in place of the table that was active, makes the machine worse; one made
-from the bare machine and added to it as well. So the survey says it before the first pass, with the very files, and an export whose
-profile or files say otherwise is refused. The hashes are those of files that a person read out of the control, with date and way.
+A table made from the residue of a compensated machine, loaded in place of the active table, makes
+the machine worse; so does a table made from the bare machine and added to the active table. So the
+survey states it before the first pass, with the very files, and an export whose profile or files
+contradict is refused. The hashes are those of files read out of the control by the operator, with
+date and way.
 """
 
 import hashlib
@@ -20,8 +23,9 @@ from stepdiag.exporters.tables.profile import Profile
 def require_agreement(result: Result, profile: Profile) -> None:
     """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the result was measured.
 
-    Codes: ``compensation-unanswered`` (the survey left the question open), ``survey-differs.compensation`` (one says on, the other off),
-    ``active-table-unfit.other`` (other files).
+    Codes: ``compensation-unanswered`` (the survey left the question open),
+    ``survey-differs.compensation`` (one is on, the other off), ``active-table-unfit.other`` (other
+    files).
     """
     statement = require_answer(result)
     if statement.state is None:
@@ -42,7 +46,9 @@ def require_agreement(result: Result, profile: Profile) -> None:
 
 
 def require_answer(result: Result) -> Statement:
-    """Return what a result says. Raises ``SafetyError`` (``compensation-unanswered``) where its survey leaves open what was active."""
+    """Return the statement of a result. Raises ``SafetyError`` (``compensation-unanswered``) where
+    its survey leaves open what was active.
+    """
     statement = stated_in(result)
     if statement.state == UNANSWERED:
         raise SafetyError(
@@ -56,7 +62,7 @@ def require_answer(result: Result) -> Statement:
 
 
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield ``compensation-unanswered.profile`` where nothing but the profile says what was active."""
+    """Yield ``compensation-unanswered.profile`` if only the profile states the active files."""
     if stated_in(result).state is None and not profile.assumed:
         state = message("state-on") if profile.machine.measured_with == "on" else message("state-off")
         yield finding("warning", message("compensation-unanswered.profile", state=state))
@@ -72,7 +78,9 @@ def _require_same_files(statement: Statement, profile: Profile) -> None:
 
 
 def _require_noted(profile: Profile) -> None:
-    """Check the files of a profile against the hashes that somebody noted when the files were read out of the control."""
+    """Check the files of a profile against the hashes noted when the files were read out of the
+    control.
+    """
     if profile.machine.measured_with == "off":
         return
     noted = {digest.lower() for digest in profile.machine.active_sha256}

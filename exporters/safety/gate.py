@@ -1,7 +1,7 @@
-"""The last gate: the very text that goes to a control, looked at once more by something that did not write it.
+"""The last gate: the final text for a control, checked once more by code that did not write it.
 
-Whatever went wrong before, no control gets a number that is none, a power of ten, more digits than a control takes, a table whose positions
-do not rise or whose values are beyond the limits.
+After any earlier fault, no control gets an invalid number, a power of ten, more digits than it
+takes, a table whose positions do not rise or whose values are beyond the limits.
 """
 
 import re
@@ -28,9 +28,9 @@ _PAST = 3
 
 
 def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ()) -> None:
-    """Raise ``SafetyError`` (code ``file-unsound.text``) for text that a control could read otherwise than it was meant.
+    """Raise ``SafetyError`` (code ``file-unsound.text``) for text that a control could misread.
 
-    Notes for people are not looked at, nor lines that stand in the machine's ``own`` files as they are.
+    Notes for people are not checked, nor unchanged lines of the machine's ``own`` files.
     """
     known = {line for file in own for line in file.data.splitlines()}
     for file in files:

@@ -1,4 +1,4 @@
-"""A result and a profile are of one machine, by the names that people gave."""
+"""A result and a profile are of the same machine, by their stated names."""
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
@@ -6,13 +6,15 @@ from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.profile import Profile
 
 UNANSWERED = frozenset({"", "machine", "?"})
-"""What stands in a survey file whose machine nobody has named yet."""
+"""Machine names of a survey file that is not answered yet."""
 
 
 def require_same_machine(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` where result and profile name different machines: a table of one is never right for another.
+    """Raise ``SafetyError`` if result and profile name different machines: a table of a machine is
+    never right for another.
 
-    Case and spaces do not matter; a result that names no machine, and a profile that nobody wrote, say nothing.
+    Case and spaces do not matter; a result without a machine's name, and a stand-in profile, are no
+    evidence.
     """
     measured = "" if result.survey is None else result.survey.machine
     if profile.assumed or measured.strip().lower() in UNANSWERED:

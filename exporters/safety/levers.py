@@ -1,7 +1,9 @@
-"""Compensations that take the levers of angles out of what the tool does: a lattice, products of tables, columns of angles.
+"""Compensations that remove the effect of the angles' levers on the tool: a lattice, products of
+tables, columns of angles.
 
-While one of them was active, angles measured at the axes are still there, but their levers are gone from the readings. A solver that adds
-them to the model finds squareness errors that are not there (3 urad for angles of 10 urad, on the control of our tests).
+During such a compensation, angles measured at the axes are still there, but their levers are gone
+from the readings. A solver that adds them to the model finds squareness errors that are not there
+(3 urad for angles of 10 urad, on the control of our tests).
 """
 
 import re
@@ -21,7 +23,9 @@ _ANGLE_COLUMNS = re.compile(rb"^\s*(?:BEGIN [^\n]*\n\s*NR\b[^\n]*\bC[456]\b|(?!/
 
 
 def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Return the names of those files, as they were active, that compensate what angles do with their levers."""
+    """Return the names of the active files that compensate the effect of angles with their
+    levers.
+    """
     return tuple(
         name
         for name, data in files.items()

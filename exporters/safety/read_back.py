@@ -1,7 +1,8 @@
-"""What a control holds, as it was read out of it, against what an export wrote: number by number, with switches and weights.
+"""Contents read out of a control, against an export: number by number, with switches and weights.
 
-A loading that stops half way, an old file that was loaded again, a switch that was forgotten: all of it stands in the control's own numbers
-and in no statement. Compared are the tables as the control's law reads them from both sides, to half a unit.
+A half-way end of a loading, an old file loaded again, a forgotten switch: all these stand in the
+control's own numbers and in no statement. Compared are the tables as the control's law reads them
+from both sides, to half a unit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +28,7 @@ STEPS: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
-"""How the numbers come out of each control, one step; the comparison is a command."""
+"""Reading the numbers out of each control, in a step; the comparison is a command."""
 _UNIT_SHARE = 0.51
 """So much of a unit of the last digit two numbers may differ: half of it, and the last bit."""
 _LEAST_UM = 2e-3
@@ -39,7 +40,9 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadBack:
-    """What was compared: how many numbers and switches, and a finding for each table and switch that differs."""
+    """Result of a comparison: numbers of compared values and switches, and a finding for each table
+    and switch that differs.
+    """
 
     numbers: int
     switches: int
@@ -47,9 +50,9 @@ class ReadBack:
 
 
 def compare(controller: Controller, written: Sequence[ControlFile], held: Sequence[ControlFile], profile: Profile) -> ReadBack:
-    """Return the comparison of the files of an export with those that were read out of the control.
+    """Return the comparison of the files of an export with the files read out of the control.
 
-    Raises ``DataError`` for a file that is none of this control.
+    Raises ``DataError`` for a file of another control.
     """
     wanted = controller.parse([file for file in written if file.role == "data"], profile)
     plain = [as_data(file) for file in held]
@@ -73,7 +76,7 @@ def compare(controller: Controller, written: Sequence[ControlFile], held: Sequen
 
 
 def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
-    """Yield what differs of every table that was written, and every table that acts beside them."""
+    """Yield the differences of every written table, and every table that acts beside them."""
     found, known = {table.identity: table for table in held}, {table.identity for table in wanted}
     for table in wanted:
         yield from _of_table(table, found.get(table.identity))
@@ -83,13 +86,17 @@ def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Findi
 
 
 def as_data(file: ControlFile) -> ControlFile:
-    """Return a part program that a control wrote as the data file that it is: its switches are read, and are no statement of a loading."""
+    """Return a part program written by a control as a data file: its switches are read, and are no
+    statement of a loading.
+    """
     path = PurePath(file.name)
     return replace(file, name=f"{path.stem}.INI", role="data") if path.suffix.upper() in (".MPF", ".SPF") else file
 
 
 def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
-    """Yield what differs of one table: that it is not there, its positions, or how many numbers and the first of them."""
+    """Yield the differences of a table: its absence, its positions, or the number of differing
+    values and the first of them.
+    """
     label = wanted.label
     if held is None:
         if wanted.value_um.any():

@@ -1,4 +1,4 @@
-"""Findings about an export that never refuse it: assumptions, preconditions, what is missing."""
+"""Findings about an export that never refuse it: assumptions, preconditions, gaps."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,7 +15,9 @@ from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
 
 _COARSE_UM = 0.5
-"""What a table may leave between its points before it is reported: about the uncertainty of a good survey."""
+"""Largest residue of a table between its points without a report, in um: about the uncertainty of a
+good survey.
+"""
 
 
 def remarks(case: Case) -> tuple[Finding, ...]:
@@ -46,7 +48,7 @@ def _sign(case: Case) -> Iterator[Finding]:
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
-    """Say what tables leave whose points do not stand where the errors were measured."""
+    """Report the residue of tables whose points are not at the measured positions."""
     written = {table.name for table in case.tables}
     left = {}
     for curve in (curve for curve in case.curves if curve.name in written):
@@ -86,7 +88,9 @@ def _state(case: Case) -> Iterator[Finding]:
 
 
 def _reversal(case: Case) -> Iterator[Finding]:
-    """Offer the backlash number with its U, or say that there is none; and say where a table for each direction would hold chance only."""
+    """Offer the backlash number with its U, or report that there is none; and report a table per
+    direction that would hold chance only.
+    """
     for curve in case.curves:
         if curve.name not in POSITIONING:
             continue
@@ -100,10 +104,12 @@ def _reversal(case: Case) -> Iterator[Finding]:
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
-    """Yield the backlash of an axis with its U and where it goes, or nothing where the survey knows none that is more than chance.
+    """Yield the backlash of an axis with its U and its place, or nothing if the survey has none
+    beyond chance.
 
-    It was measured with the control's own parameter at work, so it comes on top of what that held then (what it holds now is another
-    question: the number may be in it already); a control that ``ends_backlash`` does not look at that parameter where it has a table.
+    The backlash was measured with the control's own active parameter, so it comes on top of the
+    parameter's value then (the present value may already contain it); a control that
+    ``ends_backlash`` ignores this parameter beside a table.
     """
     number: Backlash | None = getattr(result.backlash, letter, None)
     if number is None or abs(number.value) <= SIGNIFICANT * number.u:

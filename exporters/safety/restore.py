@@ -1,4 +1,4 @@
-"""The files that bring a control back to where it was, marked by their names."""
+"""The files that bring a control back to its earlier state, marked by their names."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,5 +11,7 @@ from stepdiag.exporters.tables.tables import Table
 
 
 def restore_files(controller: Controller, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
-    """Return what the controller says takes ``tables`` out and the old ones back in, as ``<name>_RESTORE``."""
+    """Return the controller's files that take ``tables`` out and the old tables back in, as
+    ``<name>_RESTORE``.
+    """
     return [replace(file, name=suffixed(file.name, RESTORE)) for file in controller.restore(tables, profile)]

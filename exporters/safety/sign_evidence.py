@@ -1,13 +1,14 @@
 """Theory of operation: are the two runs of a sign test evidence for the sense of a table?
 
-A bump that moves the axis the wrong way, two runs that were exchanged, and a laser that counts backwards look alike in the difference of
-the runs. The curve of the axis separates them, for a survey knows it before:
+A bump that moves the axis the wrong way, two exchanged runs, and a laser that counts backwards look
+alike in the difference of the runs. The curve of the axis, known from a survey, separates them:
 
     off = known curve + nothing,        on = known curve + sense * bump
 
-So the run without the bump has to follow the known curve with its sign, and the bump has to be in the other run alone. Beside the known
-curve a run may have an origin and a slope of its own, the alignment of laser or dial; of a control that holds a slope alone the slope is
-what is tested. A record names what it is evidence for, and is evidence for nothing else.
+So the run without the bump has to follow the known curve with its sign, and the bump has to be in
+the other run alone. Beside the known curve a run may have an origin and a slope of its own, the
+alignment of laser or dial; on a control that holds a slope alone the slope is tested. A record
+names its subject, and is evidence for nothing else.
 """
 
 import hashlib
@@ -43,7 +44,8 @@ SURE = 0.3
 
 
 def known_um(result: Result, controller: Controller, profile: Profile, test: Bump, position_mm: Vector) -> Vector:
-    """Return the error of the bare machine at positions, in um, as a result knows it: where old tables acted, without them.
+    """Return the error of the bare machine at positions, in um, by a result: without the old
+    tables, if active.
 
     Raises ``DataError`` for a function that the result does not identify.
     """
@@ -107,14 +109,18 @@ def _refused(expected: Message, found: Message) -> DataError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """What a sign test is evidence for: machine, control, measuring system ("" where the control has no choice of them)."""
+    """Subject of a sign test: machine, control, measuring system ("" for a control without a
+    choice).
+    """
 
     machine: str
     control: str
     system: str
 
     def covers(self, record: SignTestRecord) -> bool:
-        """Return whether a record is of this machine, control and measuring system, and names the bump and the runs that it is of."""
+        """Return whether a record is of this machine, control and measuring system, and names its
+        bump and its runs.
+        """
         same = same_name(record.machine, self.machine) and record.control == self.control and record.measuring_system == self.system
         return same and bool(record.bump_sha256 and record.runs_sha256)
 
@@ -125,7 +131,7 @@ def subject(control: str, profile: Profile) -> Subject:
 
 
 def record(test: Bump, shown: Verdict, about: Subject, day: date, runs: Sequence[ControlFile]) -> SignTestRecord:
-    """Return the record of a test. Raises ``DataError`` for one that decided nothing."""
+    """Return the record of a test. Raises ``DataError`` for an undecided test."""
     if shown.sense is None:
         raise DataError(message("sign-test"), expected=message("test-decides"), found=shown.words)
     return SignTestRecord(

@@ -1,7 +1,9 @@
-"""The sign test: a bump table for one function, and the verdict from the movement that it causes (controllers.md 11).
+"""The sign test: a bump table for a function, and the verdict from its movement (controllers.md
+11).
 
-A sense learnt from a manual is a claim; this is the experiment. Zero everywhere but for one trapezium with gentle flanks; the axis is
-driven to the same commanded positions with the table off and on, and what the laser sees between the two is the table's doing.
+A sense learnt from a manual is a claim; this is the experiment. Zero everywhere except a single
+trapezium with gentle flanks; the axis is driven to the same commanded positions with the table off
+and on, and the difference seen by the laser is the table's effect.
 """
 
 from collections.abc import Sequence
@@ -36,7 +38,7 @@ _CAUSES = (
     (1000.0, message("um-mixed-up")),
 )
 _ALIKE = 1.3
-"""How near to the factor of a cause a movement must be for the cause to be named."""
+"""Largest ratio of a movement to the factor of a cause for which the cause is named."""
 
 
 _BESIDE = 5.0
@@ -45,10 +47,11 @@ _BESIDE = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bump:
-    """A sign test ready to be loaded: what the control's stated law will do at the positions that decide.
+    """A sign test ready for loading: the effect of the control's stated law at the decisive
+    positions.
 
-    ``files`` go into the control for the test, ``restore`` after it. ``beyond_mm`` is where the movement is over again; None for a ramp,
-    the form of a control that holds one slope and no curve.
+    ``files`` go into the control for the test, ``restore`` after it. ``beyond_mm`` is the end of
+    the movement; None for a ramp, the form of a control with a slope and no curve.
     """
 
     function: str
@@ -75,7 +78,9 @@ class Bump:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What the sign test showed; ``sense`` is None where it decides nothing, and ``words`` says why."""
+    """Result of the sign test; ``sense`` is None without a decision, and ``words`` gives the
+    reason.
+    """
 
     kind: str
     sense: Sense | None
@@ -135,7 +140,7 @@ def _squareness_of(function: str) -> tuple[str, ...]:
 
 
 def _levers(base: str) -> str:
-    """Return the axes along which an error of a table can have a lever: not the one that the table is along."""
+    """Return the axes of a possible lever of a table's error: not the table's own axis."""
     return "XYZ".replace(base[2], "")
 
 
@@ -156,7 +161,7 @@ def _product_plan(controller: Controller, profile: Profile, function: str, shape
 
 
 def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
-    """Return what the movement between table off and table on says about the sense.
+    """Return the verdict on the sense from the movement between table off and table on.
 
     ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position of the output axis there, in its +
     direction, from any common zero. The run must reach the reference, the top of the bump and the end beyond it; raises ``DataError`` else.

@@ -1,7 +1,9 @@
-"""What stands in the control after the files have been loaded over what it held, and what of that nobody counted on.
+"""The contents of the control after loading files over its old contents, and their unexpected
+parts.
 
-A control forgets nothing but what is written over. So the effect of an export is that of all tables that act afterwards, new and old, and
-an old table that goes on beside a new one of its function, or that vanishes unasked, stops the export.
+A control discards nothing but overwritten tables. So the effect of an export is that of all tables
+that act afterwards, new and old, and an old table that goes on beside a new table of its function,
+or that vanishes unasked, stops the export.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,7 +27,9 @@ _NOTHING_UM = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """The tables that act in a control before and after loading, and the ``new`` ones among those after."""
+    """The active tables of a control before and after loading, and the ``new`` tables among the
+    latter.
+    """
 
     before: tuple[Table, ...] = ()
     after: tuple[Table, ...] = ()
@@ -54,9 +58,11 @@ class Standing:
         return tuple(table for table in self.staying if table.identity not in old or not _same(table, old[table.identity]))
 
     def acting(self, result: Result, profile: Profile) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables whose effect on the error of a result is to be predicted, and those that acted while it was measured.
+        """Return the tables whose effect on the error of a result is to be predicted, and the
+        tables active during its measurement.
 
-        An old table that stays on a machine that was measured without it counts where the result knows what it corrects.
+        An old table that stays on a machine measured without it counts if the result identifies its
+        function.
         """
         if profile.machine.measured_with == "on":
             return self.after, self.before
@@ -65,7 +71,9 @@ class Standing:
 
 
 def identifies(result: Result, table: Table) -> bool:
-    """Return whether a result knows all that a table corrects: its function, the slope in it, of a product the angle."""
+    """Return whether a result identifies every part of a table: its function, the slope in it, of a
+    product the angle.
+    """
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
         angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
@@ -77,9 +85,11 @@ def identifies(result: Result, table: Table) -> bool:
 
 
 def standing_findings(standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield an error for every old table that would act where nobody counts on it, or not act any more where somebody does.
+    """Yield an error for every old table that would act unexpectedly, or would unexpectedly stop
+    acting.
 
-    A warning where a new table knows no slope, or reaches less far, and the old one did.
+    A warning for a new table without a slope, or with less reach, in place of an old table with
+    more.
     """
     asked = set(profile.machine.functions)
     named = {table.name: table for table in standing.new if table.value_um.any() or table.name in asked}
@@ -113,10 +123,11 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
 
 
 def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Iterator[Finding]:
-    """Yield what is lost where a correction of the whole field takes the place of ``moved_um``, which was off while measuring.
+    """Yield the losses if a correction of the whole field takes the place of ``moved_um``, which
+    was off during the measurement.
 
-    ``moved_um`` takes points (n, 3) and returns what the old correction moves there (n, 3). An error where the result does not know a
-    function that it held, a warning where it does not know its slope.
+    ``moved_um`` takes points (n, 3) and returns the old correction's movement there (n, 3). An
+    error if the result lacks a function of the old correction, a warning if it lacks the slope.
     """
     low, size = np.asarray(result.volume.origin_mm), np.asarray(result.volume.size_mm)
     rise_um = {}

@@ -1,24 +1,29 @@
 """Theory of operation: was the compensation on while the machine was measured? The data answer, not the statement alone.
 
-An old table of a function was made of an error e, and may be k times of the right size today. What a survey finds of that function is
+An old table of a function was made of an error e, and may be k times of the right size today. The
+survey's finding for this function is
 
     measured = e (1 +- CHANGED)                 compensation off
     measured = e (1 +- CHANGED) - k e           compensation on
 
-so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k where it was off and 1 / k - 1 where it was on. k is near 1,
-log normal (`SIZES`, one k for all tables of a kind), and the share has an uncertainty of its own from that of the result. The odds of "on"
-against "off" are the ratio of the likelihoods of all shares of a kind, integrated over k.
+so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off" and 1 / k - 1 for
+"on". k is near 1, log normal (`SIZES`, a common k for all tables of a kind), and the share has an
+uncertainty of its own from that of the result. The odds of "on" against "off" are the ratio of the
+likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or of before a repair, shows any share (`ALIEN`), and a function unlike it: more is left of the function beside
-the share than CHANGED of e, which speaks against both states. That is so of all tables of a kind with the odds
-`ALIEN_ODDS`, a third explanation, which takes the odds away where neither of the two fits; and of each table by itself with the
-probability `ALIEN_ODDS`, whatever the state: one function that was repaired says nothing of the others.
+A table of another machine, or of before a repair, shows any share (`ALIEN`), and a function unlike
+its own: the rest of the function beside the share exceeds CHANGED of e, evidence against both
+states. With the odds `ALIEN_ODDS` this holds for all tables of a kind, a third explanation, which
+takes the odds away if neither of the two fits; and for each table by itself with the probability
+`ALIEN_ODDS`, whatever the state: a single repaired function is no evidence about the others.
 
-One table among several that fits the other state, for the size that the others show, is a forgotten switch: a question that names it.
+A single table among several that fits the other state, for the size shown by the others, is a
+forgotten switch: a question that names it.
 
-A statement against which the odds are more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about, as is a share that ordinary
-tables show in neither state (`NEITHER`): one of twice the size that is off and one of two thirds that is on both show it. Functions are
-judged by kind of table, so that one forgotten switch shows.
+A statement against odds of more than `CONTRADICTED` is refused; more than `DOUBTED` is asked about,
+and so is a share that ordinary tables show in neither state (`NEITHER`): a table of twice the size
+that is off and a table of two thirds that is on both show this share. Functions are judged by kind
+of table, so that a single forgotten switch shows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,9 +43,13 @@ from stepdiag.exporters.tables.tables import Table, summed_um
 SIZES = 0.25
 """Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are ordinary."""
 CHANGED = 0.15
-"""How much of a function changes between the survey of an old table and today's, as a share of it."""
+"""Change of a function between the survey of an old table and today's, as a share of the
+function.
+"""
 SEEN = 0.3
-"""A share less certain than this says nothing: the old table is no larger than what the survey does not know."""
+"""A share less certain than this is no evidence: the old table is no larger than the survey's
+uncertainty.
+"""
 CONTRADICTED, DOUBTED = 20.0, 4.0
 """Odds against a statement: at 20 it is refused, as a name of a cause needs them; at 4 a person is asked."""
 NEITHER = (0.43, 0.71)
@@ -48,15 +57,19 @@ NEITHER = (0.43, 0.71)
 FEWEST_BESIDE = 2
 """So many other tables of a kind have to show the size before one of them is judged by itself."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
-"""Standard deviation of the share of a table that is of something else, and how often a table is so beside one state."""
+"""Standard deviation of the share of a table of something else, and the odds of such a table beside
+a state.
+"""
 _LOG_K = np.linspace(-1.0, 1.0, 81)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How much of an old table of a function the survey shows: 1 where it did not act, 0 where it acted and was right.
+    """Share of an old table of a function in the survey: 1 for an inactive table, 0 for a right
+    active table.
 
-    ``rest`` is what of the function is not the table's, as a share of the table; 0 of a squareness, which is one number.
+    ``rest`` is the part of the function outside the table, as a share of the table; 0 for a
+    squareness, which is a single number.
     """
 
     name: str
@@ -166,7 +179,9 @@ def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
 
 
 def _log_fit(share: Share, *, acted: bool) -> Vector:
-    """Return the logarithm of the likelihood of a share that is of this function, for each size of `_LOG_K`."""
+    """Return the logarithm of the likelihood of a share of this function, for each size of
+    `_LOG_K`.
+    """
     whole = np.exp(-_LOG_K)
     u = np.hypot(share.u, CHANGED * whole)
     unlike = np.maximum((share.rest / u) ** 2 - 1.0, 0.0)
@@ -174,10 +189,11 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
 
 
 def apart(group: Judged, *, acted: bool) -> list[str]:
-    """Return the tables of a group, few among the others, that were in the other state than ``acted`` while all the others show it.
+    """Return the tables of a group, few among the others, that were in the other state than
+    ``acted`` while all the others show ``acted``.
 
-    The others show the size of the tables; the state of one is compared for that size. One that fits neither is of something else. A
-    squareness has no switch of its own.
+    The others show the size of the tables; the state of a single table is compared for this size. A
+    table that fits neither is of something else. A squareness has no switch of its own.
     """
     found = []
     for share in group.shares:

@@ -1,8 +1,9 @@
-"""What the files will do: parsed as written, applied by the control's law, against the error field of the result.
+"""Effect of the files: parsed as written, applied by the control's law, against the error field of
+the result.
 
-The field comes from the solver's rigid-body model with its Abbe arms; the correction comes from nothing but the bytes of the files.
-Statistics are given twice: as they are, counted from the low corner of the volume, and without the rigid motion that fits best, which
-is a matter of where the workpiece lies.
+The field comes from the solver's rigid-body model with its Abbe arms; the correction comes from
+nothing but the bytes of the files. Statistics are given twice: counted from the low corner of the
+volume, and without the best fitting rigid motion, which depends on the place of the workpiece.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -47,7 +48,7 @@ Correction = Callable[[Vector], Vector]
 STRETCH: Final = "stretch-worse"
 CLEARLY = 1.02
 ROUNDING_UM = 0.3
-"""What the rounding of tables in units of 1 um may add to the rms of an error."""
+"""Largest increase of the rms of an error by the rounding of tables in units of 1 um."""
 NODES = 11
 """Points along each axis of the grid on which the effect is drawn."""
 
@@ -107,13 +108,13 @@ class Prediction:
 
     @property
     def worse(self) -> bool:
-        """Tell whether the machine errs more with the files than without, rigid motion removed."""
+        """Return whether the machine errs more with the files than without, rigid motion removed."""
         before, after = self.figures(rigid_motion=False)
         return after.largest_um > before.largest_um
 
     @property
     def clearly_worse(self) -> bool:
-        """Tell whether the machine errs more with the files by more than rounding can do."""
+        """Return whether the machine errs more with the files by more than rounding can do."""
         before, after = self.figures(rigid_motion=False)
         return after.rms_um > before.rms_um * CLEARLY + ROUNDING_UM
 
@@ -125,9 +126,11 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """What was found in the files, what it is and what it will do; ``assumed`` says that axis names and references were (no profile).
+    """Contents of the files and their effect; ``assumed``: axis names and references were assumed
+    (no profile).
 
-    ``judgements`` has one entry for each table and for each function without one, ``findings`` what the limits of control and profile say.
+    ``judgements`` has an entry per table and per function without a table, ``findings`` the
+    violations of the limits of control and profile.
     """
 
     controller: str
@@ -153,7 +156,8 @@ def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
 def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] = (), nodes: int = NODES) -> Prediction:
     """Return the effect of ``tables`` on the error field of the result, mean of both directions of travel.
 
-    ``replaced`` are tables that were active while the result was measured and that the new ones take the place of.
+    ``replaced`` are tables that were active during the measurement and are replaced by the new
+    tables.
     """
     return predict_moved(
         result,
@@ -185,13 +189,14 @@ def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | Non
 def predict_moved(
     result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES, unseen: Correction | None = None
 ) -> Prediction:
-    """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced`` acted while measuring.
+    """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced``
+    acted while measuring.
 
-    ``unseen`` is what is known to have been between the targets then.
+    ``unseen`` is the known movement between the targets then.
 
-    The errors are drawn on a grid. What is promised, and what is refused, holds for a tool anywhere in the volume, as the result's own
-    prediction does: a grid has a good part of its points on the faces, where straightness is zero by definition, and its mean square is up
-    to a tenth too small.
+    The errors are drawn on a grid. Promises and refusals hold for a tool anywhere in the volume,
+    like the result's own prediction: a grid has a good part of its points on the faces, where
+    straightness is zero by definition, and its mean square is up to a tenth too small.
     """
 
     def added(points_mm: Vector) -> Vector:
@@ -210,10 +215,12 @@ def predict_moved(
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
-    """Return what the files of one controller, recognised by their contents, are, and what they will do to the machine of the result.
+    """Return the identity of a controller's files, recognised by their contents, and their effect
+    on the machine of the result.
 
-    Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged,
-    ``SafetyError`` where profile and result disagree about what was active while measuring, ``UsageError`` where a profile has to say it.
+    Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that are unknown,
+    mixed or damaged, ``SafetyError`` if profile and result disagree about the active compensation,
+    ``UsageError`` if a profile has to state it.
     """
     if stated_in(result).state == "on" and profile is None:
         expected = message("profile-machine-compensation-was")
@@ -248,7 +255,9 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
 def acting_in(
     result: Result, controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-    """Return the tables that act after files have been loaded, and those that acted while the result was measured."""
+    """Return the active tables after loading the files, and the tables active during the
+    measurement of the result.
+    """
     return _standing(controller, files, tables_in(controller, files, profile), profile).acting(result, profile)
 
 
@@ -276,8 +285,9 @@ def worse_findings(prediction: Prediction, standing: Standing, result: Result, p
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
-    """Yield a warning for each stretch of an axis in which the files make the machine worse as predicted, though not as a whole, and for
-    functions of which nobody knows what they do between the targets."""
+    """Yield a warning for each stretch of an axis in which the files make the machine worse by the
+    prediction, though not as a whole, and for functions that are unknown between the targets.
+    """
     effect = prediction.anywhere
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
@@ -294,7 +304,9 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
-    """Return what a lattice is, function by function, in place of the one that the profile says was active while measuring."""
+    """Return the identity of a lattice, function by function, in place of the active lattice of the
+    profile.
+    """
     on = profile is not None and profile.machine.measured_with == "on"
     active = lattice.parse(lattice.the_one_in(profile.existing, profile.source)) if profile is not None and on else None
 

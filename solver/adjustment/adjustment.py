@@ -54,20 +54,24 @@ EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
-"""What contradicts a survey is looked for with effects of their usual size, and with scales of setups of twice it, as one shop in
-ten has: one length compares all seven setups, and a survey cannot tell a shop of large scales from a setup that is off."""
+"""Scale of effects in the search for contradictions: usual size, and twice for scales of setups, as
+in one shop of ten: a single length compares all seven setups, and a survey cannot separate a shop
+of large scales from a single wrong setup.
+"""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Adjustment:
-    """The fit of a survey and what came up on the way. Rows of the fit are the readings (first m), the head's straightness and the priors.
+    """The fit of a survey and its remarks. Rows of the fit are the readings (first m), the head's
+    straightness and the priors.
 
-    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``between``
-    those that are values off the nodes, ``sizes`` says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every
-    reading by noise, infinite where a stop was left out; ``explained`` holds causes beside the model; ``scatter`` says how the machine
-    repeats and how noisy its setups are.
+    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes the
+    angular functions among them, ``between`` the values off the nodes, ``sizes`` their sizes.
+    ``u_um`` (m,) is the standard uncertainty of every reading by noise, infinite for a stop left
+    out; ``explained`` holds causes beside the model; ``scatter`` holds the machine's repeatability
+    and the noise of its setups.
     """
 
     layout: Layout
@@ -96,15 +100,17 @@ class Adjustment:
 
     @property
     def products(self) -> dict[int, float]:
-        """Return the causes of the products of axes that stand beside the machine's functions, in the order of `PRODUCTS`, and the um
-        of each."""
+        """Return the causes of the products of axes beside the machine's functions, in the order of
+        `PRODUCTS`, and the um of each.
+        """
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
         return dict(enumerate(size_um.tolist(), self.first_cause(BESIDE))) if np.any(size_um) else {}
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit with no cause but growth larger than usual: what contradicts it is named, however large a cause could hold it.
+        """Return the fit with no cause but growth larger than usual: a contradiction is named, even
+        if a large cause could hold it.
 
-        Causes of the names ``found`` keep the size that was found.
+        Causes of the names ``found`` keep their size.
         """
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
@@ -140,18 +146,19 @@ def adjust(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Adjustment:
-    """Adjust a survey, with the ``straightness`` that a 4-DOF head measured as further rows.
+    """Adjust a survey, with the ``straightness`` of a 4-DOF head as further rows.
 
-    Known angular functions are taken off first (theory 5.2); those with an uncertainty are adjusted within it. All others, drift and
-    the scales of setups are random effects of the sizes ``assumed``, as far as the readings do not say better. Raises ``UsageError``
-    for a wrong chain, ``DataError`` for angles that do not span the volume.
+    Known angular functions are taken off first (theory 5.2); functions with an uncertainty are
+    adjusted within it. All others, drift and the scales of setups are random effects of the sizes
+    ``assumed``, unless the readings show other sizes. Raises ``UsageError`` for a wrong chain,
+    ``DataError`` for angles that do not span the volume.
     """
     usual = assumed or Assumptions()
     return _Task(at_one_temperature(layout, usual), chain, angles or {}, straightness, usual).run()
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Tell whether any setup was driven out and back: then backlash lies between its two ways, and is no fault of the laser's count."""
+    """Return whether any setup was driven out and back: then backlash lies between its two ways, and is no fault of the laser's count."""
     ways = {(key.setup, key.outward) for key in layout.passes}
     return any((name, not outward) in ways for name, outward in ways)
 
@@ -214,7 +221,8 @@ class _Task:
         current = self._with_right_signs(self._find_scatter(self._fit_with_tilts(), robust=True))
         for suspicious in self._suspicions(current):
             current = suspicious
-        # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found without it
+        # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found
+        # without the stop
         self.clean = True
         current = self._find_scatter(self._find_sizes(self._with_effects(current.fixed)), robust=False)
         current = self._open_beside(current)
@@ -238,10 +246,11 @@ class _Task:
         )
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
-        """Return the fit with what explains the survey beside the model left open.
+        """Return the fit with the explanations beside the model left open.
 
-        It is weighed with growth and scales of all setups no larger than usual: these explain one length as well as any of it does. Each
-        cause keeps its size: found anew, growth would leave to a scale what either of them may be.
+        The fit has growth and scales of all setups no larger than usual: these explain a length as
+        well as any explanation does. Each cause keeps its size: growth found anew would leave the
+        share of both to a scale.
         """
         alike = np.array([effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_)
         factor = np.where(alike, np.minimum(1.0, 1.0 / self.sizes.factor), 1.0)
@@ -259,7 +268,9 @@ class _Task:
         return MixedFit(current.fixed, causes, np.repeat(self.sizes.factor, [effect.count for effect in self.effects]))
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the angular functions turned over, and named, that all else knows with the other sign."""
+        """Return the fit with the angular functions turned over, and named, whose other sign agrees
+        with all other evidence.
+        """
         right = sorted(self.angles)
         while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}):
             self.target += sum(self._change_by_sign(name) for name in wrong)
@@ -268,7 +279,7 @@ class _Task:
             self.findings += [finding("error", message("angles-far.sign", name=name)) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
-        # a function that is no larger than the expanded uncertainty of both its ends has no sign that is known
+        # a function no larger than the expanded uncertainty of both its ends has no known sign
         large = [name for name in right if np.ptp(self.angles[name].value_urad) > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)]
         if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}):
             self.findings += [finding("info", message("straightness-unchecked.angles", names=unseen))]
@@ -289,7 +300,9 @@ class _Task:
         return self._with_effects(current)
 
     def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
-        """Return a fit with the effects, each kind of the size that the readings make most likely; it is looked for ``near`` others."""
+        """Return a fit with the effects, each kind of its most likely size by the readings; the
+        search starts ``near`` others.
+        """
         found, self.sizes = self._found(fixed, self.effects, near)
         return found
 
@@ -360,7 +373,9 @@ class _Task:
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:
-        """Raise ``DataError`` for a mirror that could not send the beam back: each round would only lead further away."""
+        """Raise ``DataError`` for a mirror that could not send the beam back: each round would only
+        lead further away.
+        """
         size = np.linalg.norm(tilt_mrad, axis=1)
         if not np.all(size <= MOST_TILT_MRAD):
             setup = self.layout.setups[int(np.argmax(np.where(np.isnan(size), np.inf, size)))].name
@@ -390,8 +405,9 @@ class _Task:
     def _worst(self, current: MixedFit) -> Suspicion | None:
         """Return the worst contradiction.
 
-        It is looked for with effects no larger than usual, where it cannot hide in a size found large because of it; there it counts
-        only if it explains the readings better than that large size does. What is left is looked for with the sizes found.
+        The search uses effects no larger than usual, in which the contradiction cannot hide; it
+        counts only if it explains the readings better than a larger size of the effects. The search
+        for further contradictions uses the sizes found.
         """
         every = counts(current.fixed, self.layout)
         usual = most_suspicious(_as_usual(current, self.effects, self.sizes), self.design.columns, every)
@@ -400,13 +416,13 @@ class _Task:
         return most_suspicious(current, self.design.columns, every)
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
-        """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
+        """Return whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
         with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
         best = suspicion.best
         return bool(0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior > np.log(ODDS))
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        """Take out one contradiction after the other and yield the fit without it."""
+        """Take out contradiction after contradiction and yield the fit without it."""
         most = max(2, int(MOST * len(self.layout)))
         for found in range(most + 1):
             suspicion = self._worst(current)

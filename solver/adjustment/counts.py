@@ -21,10 +21,12 @@ MOST_WAVES = 48
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Count:
-    """An unbroken count: its used ``rows`` (k,) in the order of time, and what a fit without causes leaves of patterns on it.
+    """An unbroken count: its used ``rows`` (k,) in the order of time, and the residues of patterns
+    on it after a fit without causes.
 
-    ``stop`` (k,) and ``step`` (k,) are h' W R h of one reading and of all from one on; ``walk`` (k, r) are the largest components of a
-    random walk of 1 um a step, ``walked`` (r, r) what is left of them.
+    ``stop`` (k,) and ``step`` (k,) are h' W R h of a single reading and of all from a reading on;
+    ``walk`` (k, r) are the largest components of a random walk of 1 um a step, ``walked`` (r, r)
+    their residue.
     """
 
     rows: NDArray[np.int64]
@@ -55,7 +57,7 @@ def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
     """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their readings."""
     weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
     own = weight**2 * among.diagonal()
-    # all from one reading on: its own share, and twice what it has in common with each that follows
+    # all from a reading on: its own share, and twice the common part with each later reading
     common = weight * among.with_those_after(weight)
     weighted = weight[:, None] * walk
     return Count(
@@ -124,13 +126,13 @@ class _Known:
 
 
 def from_each_on(values: Vector) -> Vector:
-    """Return for each row the sum of it and all that follow, shape as ``values``."""
+    """Return for each row the sum of the row and all later rows, shape as ``values``."""
     summed: Vector = np.cumsum(values[::-1], axis=0)[::-1]
     return summed
 
 
 def after_each(values: Vector) -> Vector:
-    """Return for each row the sum of all that follow, shape as ``values``."""
+    """Return for each row the sum of all later rows, shape as ``values``."""
     summed: Vector = from_each_on(values) - values
     return summed
 

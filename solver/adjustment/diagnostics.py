@@ -1,4 +1,6 @@
-"""How every setup stood and how well the readings agree: what a service engineer looks at before believing a result."""
+"""State of every setup and agreement of the readings: the service engineer's checks before the
+result.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +16,7 @@ from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.adjustment.evidence import HIDDEN, tell
+from stepdiag.solver.adjustment.evidence import HIDDEN, response_of
 from stepdiag.solver.adjustment.explanations import along_the_way_m
 from stepdiag.solver.adjustment.scatter import FIRST, Scatter
 from stepdiag.solver.linear.rows import Rows
@@ -111,7 +113,8 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
 def _repeatability_um(layout: Layout, setup: str) -> float | None:
     """Return the standard deviation of a stop between passes in the same direction, None without repeats.
 
-    Stops are one where the machine was at one target, whatever their numbers: axes may move in another order from pass to pass.
+    Stops at a common target are equal, whatever their numbers: axes may move in another order from
+    pass to pass.
     """
     place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
@@ -136,7 +139,7 @@ def _at_places(value_um: Vector, place: NDArray[np.int64], wanted: Sequence[int]
 
 
 def _interrupted(layout: Layout, index: int) -> bool:
-    """Tell whether the count was lost within a pass: its parts have no common zero."""
+    """Return whether the count was lost within a pass: its parts have no common zero."""
     return bool(np.ptp(layout.zero_index[layout.pass_index == index]))
 
 
@@ -153,19 +156,21 @@ def closure_report(layout: Layout) -> Closure | None:
 
 
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
-    """Return by how much the scales of the diagonals and of the linear runs disagree, as end-to-end length of a body diagonal in um, with
-    its standard uncertainty; None where the readings do not compare them (theory 6.4: S measured minus S from the runs).
+    """Return the disagreement of the scales of the diagonals and of the linear runs, as end-to-end
+    length of a body diagonal in um, with its standard uncertainty; None if the readings do not
+    compare them (theory 6.4: S measured minus S from the runs).
 
-    Angles and growth are as large as the readings say, angles as large as assumed at least: the closure does not show slopes of pitch and
-    yaw. Drift and the scales of setups are of plausible size (`solver.adjustment.adjustment.PLAUSIBLE`): this one length could make them
-    as large as it is itself, and would then contradict nothing.
+    Angles and growth are as large as by the readings, angles at least as assumed: the closure does
+    not show slopes of pitch and yaw. Drift and the scales of setups are of plausible size
+    (`solver.adjustment.adjustment.PLAUSIBLE`): this single length could enlarge them to its own
+    size, and would then contradict nothing.
     """
     layout, fit = found.layout, found.plausible(*TURNING, GROWTH)
     used = np.flatnonzero(np.isfinite(found.u_um))
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():
         return None
-    hypothesis = tell(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
+    hypothesis = response_of(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
     seen = float(hypothesis.seen.item())
     if seen <= HIDDEN * hypothesis.whole.item():
         return None
@@ -174,10 +179,11 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
 
 
 def scale_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on diagonals and linear runs whose scales disagree.
+    """Return the finding on diagonals and linear runs with different scales.
 
-    Four diagonals have one length to compare (theory 3, E5; their squareness is free): which of them, or of the linear runs, is off shows
-    nowhere else. So every candidate is named with the size that it would have, and a contradiction beyond chance stops an export.
+    Four diagonals have a single length to compare (theory 3, E5; their squareness is free): nothing
+    else shows which of them, or of the linear runs, is wrong. So every candidate is named with its
+    possible size, and a contradiction beyond chance stops an export.
     """
     both = scale_misclosure(found)
     if both is None or abs(both[0]) <= MISCLOSED * both[1]:
@@ -260,7 +266,9 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
 
 
 def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
-    """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
+    """Return a finding for noisy readings and a finding for stops that do not repeat, each naming
+    its setups.
+    """
     messages = []
     if noisy := _above(reports, "noise_um"):
         messages.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))

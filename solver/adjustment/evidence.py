@@ -1,29 +1,35 @@
-"""Theory of operation: what is wrong with a survey, decided by one number.
+"""Theory of operation: errors of a survey, decided by a single number.
 
-The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e`` (`solver.model.design`, `solver.model.effects`). An
-explanation is one more pattern h: one stop, one step of the count, the scale of one setup, a product of two axes in one component of the
-machine's errors (and y^2 z in Z, a ram that sags). What the fit leaves of it says all about it (Baarda 1968; V is the covariance of the
-readings with all causes in it, R removes the unknowns x):
+The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e``
+(`solver.model.design`, `solver.model.effects`). An explanation is a further pattern h: a stop, a
+step of the count, the scale of a setup, a product of two axes in a component of the machine's
+errors (and y^2 z in Z, a ram that sags). Its residue in the fit decides everything (Baarda 1968; V
+is the covariance of the readings with all causes in it, R removes the unknowns x):
 
     shown = h' V^-1 R y,     seen = h' V^-1 R h,     most likely size = shown / seen,     z^2 = shown^2 / seen
 
-Its size t is not known: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to 2000 times that; each power of two is
-as likely. The Bayes factor against nothing is the mean over these of
+Its size t is unknown: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to
+2000 times this; each power of two is as likely. The Bayes factor against nothing is the mean over
+these of
 
     p(y | t) / p(y | 0) = (1 + t^2 seen)^-1/2 exp(1/2 gain(z^2 t^2 seen / (1 + t^2 seen)))
 
-With the noise known, gain(q) = q; it is known from the same residuals, so gain is that of the profile likelihood
-(`solver.linear.components.gained`). The first factor is Occam's: a cause of any size explains less. Sizes are relative to what the
-readings show, so no usual size chooses between two explanations of one pattern: these have one z, and one number. A pass that wanders is
-many patterns of one size, so is growth in time. Odds are the factor times the prior of the kind (`PRIOR`), shared by all of the kind:
+For a known noise, gain(q) = q; the noise is known from the same residuals, so gain is the gain of
+the profile likelihood (`solver.linear.components.gained`). The first factor is Occam's: a cause of
+any size explains less. Sizes are relative to the readings, so no usual size chooses between two
+explanations of a pattern: these have the same z, and the same number. A pass that wanders is many
+patterns of a common size, and so is growth in time. Odds are the factor times the prior of the kind
+(`PRIOR`), shared by all of the kind:
 
     odds_k = prior_k / (number of its kind) * Bayes factor_k,     p_k = odds_k / (1 + sum of all odds)
 
-`ODDS` = 20 decides all. Where the best stop, step or pass has twenty times the odds of nothing, it is named if it has twenty times those
-of every other, and is left out (`solver.adjustment.faults`); then the next is looked for. What stays probable beside the repaired survey is
-the mixture that makes the result (`solver.adjustment.explanations`).
+`ODDS` = 20 decides all. If the best stop, step or pass has twenty times the odds of nothing, it is
+named if it has twenty times the odds of every other, and is left out (`solver.adjustment.faults`);
+then the next is looked for. The explanations still probable beside the repaired survey are the
+mixture of the result (`solver.adjustment.explanations`).
 
-What it costs: products of the patterns with the inverse that is there, no further fit for any that is not accepted.
+The cost is products of the patterns with the existing inverse, and no further fit for a rejected
+explanation.
 """
 
 from collections.abc import Callable
@@ -41,9 +47,11 @@ ODDS = 20.0
 """Twenty to one is strong evidence (Kass and Raftery 1995)."""
 STOP, STEP, WALK, SCALE, PRODUCT, GROWN, TURNED = "stop", "step", "walk", "scale", "product", "growth", "sign of an angle"
 PRIOR = {SCALE: 0.1, PRODUCT: 0.1, GROWN: 0.5, STOP: 0.3, STEP: 0.3, WALK: 0.1, TURNED: 0.1}
-"""How likely it is that a survey has one of a kind, whichever: every second survey begins on a machine that is not warm; a wavelength, an
-air or a target of its own for one setup is rarer, as is a machine of which products are as large as its functions; shops repeat a pass in
-one survey of three; of the files of a head one in ten has the other sign."""
+"""Prior probability that a survey has an explanation of a kind: every second survey begins on a
+cold machine; a wavelength, an air or a target of its own for a setup is rarer, and so is a machine
+with products as large as its functions; shops repeat a pass in one survey of three; of the files of
+a head one in ten has the other sign.
+"""
 GROWING = 4.0 ** np.arange(12)
 """Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the uncertainty."""
 HIDDEN = 1e-6
@@ -63,7 +71,7 @@ class Response:
     moved: Vector
 
 
-def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
+def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
     """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
@@ -90,10 +98,12 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Family:
-    """Explanations of one kind by one pattern each: c patterns on ``rows`` (k,), ``pattern`` gives those of some places, shape (k, p).
+    """Explanations of a kind with a pattern each: c patterns on ``rows`` (k,), ``pattern`` gives
+    the patterns of some places, shape (k, p).
 
-    ``shown`` and ``seen`` (c,) as in `Response`, ``seen`` 0 where the fit does not tell a pattern from its unknowns. ``named`` (c,) are the
-    readings, the setup or the product that each is named after; ``most``: no size exceeds it.
+    ``shown`` and ``seen`` (c,) as in `Response`, ``seen`` 0 for a pattern that the fit cannot
+    separate from its unknowns. ``named`` (c,) are the readings, the setup or the product of each
+    name; ``most``: the largest size.
     """
 
     kind: str
@@ -111,7 +121,7 @@ class Family:
         return found
 
     def weighed(self, fit: MixedFit, many: int) -> Evidence:
-        """Return the evidence for each, one of ``many`` of its kind."""
+        """Return the evidence for each of ``many`` of its kind."""
         found = evidence_of(fit, self.shown, self.seen, self.most)
         return Evidence(found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2))
 
@@ -127,9 +137,10 @@ def visible(seen: Vector, whole: Vector) -> Vector:
 
 
 def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
-    """Return the evidence against nothing of explanations of one pattern each, by what a fit shows and sees of it, shapes (c,).
+    """Return the evidence against nothing of explanations of a pattern each, by their shown and
+    seen parts in a fit, shapes (c,).
 
-    What the readings do not see has no evidence, and no size; no size exceeds ``most``.
+    An unseen pattern has no evidence, and no size; no size exceeds ``most``.
     """
     some = seen > 0
     safe = np.where(some, seen, 1.0)
@@ -143,7 +154,9 @@ def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf
 
 
 def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
-    """Return the evidence (logarithm) of one explanation of many independent patterns of one size, shapes (k,)."""
+    """Return the evidence (logarithm) of an explanation of many independent patterns of a common
+    size, shapes (k,).
+    """
     if not len(seen):
         return -np.inf
     grown = GROWING[:, None] / np.max(seen) * seen
@@ -152,7 +165,9 @@ def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
 
 
 def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
-    """Return what is shown and seen of patterns in independent directions, those that the fit sees, shapes (k,)."""
+    """Return the shown and seen parts of patterns in the independent directions that the fit sees,
+    shapes (k,).
+    """
     value, turn = np.linalg.eigh(seen)
     clear = value > HIDDEN * max(float(value[-1]), np.finfo(np.float64).tiny)
     return turn.T[clear] @ shown, value[clear]
@@ -170,7 +185,7 @@ def standing_out(freedom: int, prior: float, most: float) -> float:
 
 
 def _mean(likely: Vector) -> tuple[Vector, Vector]:
-    """Return the logarithm of the mean over the sizes (rows), and the share of each in it."""
+    """Return the logarithm of the mean over the sizes (rows), and the share of each in the mean."""
     most = np.max(likely, axis=0)
     weight = np.exp(likely - most)
     total = np.sum(weight, axis=0)

@@ -1,26 +1,32 @@
-"""What is wrong with all of a survey, and the mixture that is its result.
+"""Errors of a whole survey, and the mixture that is its result.
 
-A stop, a step or a pass that is wrong shows in its own residuals (`solver.adjustment.faults`). What this module weighs shows nowhere
-by itself: a setup of another scale, a machine with errors that no function of one axis describes (`PRODUCTS`: products of the shares of
-two axes in one component, and y^2 z in Z, a ram that sags), and a machine that grew by more than is usual. One length compares the seven
-setups of a usual survey, so most of these explain one pattern alike. Their odds are those of `solver.adjustment.evidence`. Stops, steps and
-walks compete, too: a product must not explain what may be theirs. Growth and scales of all setups are in V no larger than usual, as they
-explain the same length.
+A wrong stop, step or pass shows in its own residuals (`solver.adjustment.faults`). The errors
+weighed here show nowhere by themselves: a setup of another scale, a machine with errors outside
+every function of an axis (`PRODUCTS`: products of the shares of two axes in a component, and y^2 z
+in Z, a ram that sags), and a machine with unusual growth. A single length compares the seven setups
+of a usual survey, so most of these explain the same pattern alike. Their odds are those of
+`solver.adjustment.evidence`. Stops, steps and walks compete, too: a product must not explain their
+part. Growth and scales of all setups are in V no larger than usual, as they explain the same
+length.
 
-- A kind that has less than one in `ODDS` of the odds of the best, nothing among them, is not in the mixture; of a kind no explanation is
-  that has so little of the odds of its best. In a good survey nothing is left open, and its result is that of the plain adjustment.
-- A cause has a name where it has `ODDS` times the probability of all others together.
-- Where setups and products are more probable than not and nothing has a name, all candidates are named (`solver.methods.doubt`). What is
-  refused is decided by the lengths (`solver.adjustment.diagnostics.scale_findings`).
+- A kind with less than one in `ODDS` of the odds of the best, nothing among them, is not in the
+  mixture; nor is an explanation with less of the odds of the best of its kind. In a good survey
+  nothing is left open, and its result is that of the plain adjustment.
+- A cause has a name if it has `ODDS` times the probability of all others together.
+- If setups and products are more probable than not and nothing has a name, all candidates are named
+  (`solver.methods.doubt`). The lengths decide on a refusal
+  (`solver.adjustment.diagnostics.scale_findings`).
 
-The mixture is the result. Each explanation is left open by a share of its expected square E[t^2 | k, y]: estimate, budget, posterior and
-predictions use the same causes. The normal distribution with the mixture's moments has the share p_k, its probability. Where k is true the
-mixture is off by t (1 - p), and 2 u reaches that with (1 - p)^2 / 4p of p t^2. So every explanation of the smallest set of kinds that, with
-nothing, holds `SURE` of all has the share
+The mixture is the result. Each explanation is left open by a share of its expected square E[t^2 |
+k, y]: estimate, budget, posterior and predictions use the same causes. The normal distribution with
+the mixture's moments has the share p_k, its probability. If k is true the mixture is off by t (1 -
+p), and 2 u reaches this error with (1 - p)^2 / 4p of p t^2. So every explanation of the smallest
+set of kinds with `SURE` of all probability, nothing included, has the share
 
     max(p_k, (1 - p_k) / 4)
 
-Products are no function of one axis: they stand in the posterior as numbers of their own, in no table.
+Products are no function of an axis: they stand in the posterior as numbers of their own, in no
+table.
 """
 
 from collections.abc import Iterator, Sequence
@@ -47,7 +53,7 @@ from stepdiag.solver.adjustment.evidence import (
     directions,
     evidence_of_many,
     log_prior,
-    tell,
+    response_of,
 )
 from stepdiag.solver.adjustment.faults import families, number_of, walks
 from stepdiag.solver.linear.mixed import MixedFit
@@ -55,19 +61,21 @@ from stepdiag.solver.model.effects import BESIDE, ONE_SCALE, ONE_WALK, Effect
 from stepdiag.solver.model.layout import Layout
 
 SURE = 0.95
-"""What U promises."""
+"""Probability promised by U."""
 MOST_UM, MOST_UM_M = 50.0, 200.0
-"""Larger products or scales do not occur; one that the readings show only beyond this is not looked for."""
+"""Larger products or scales do not occur, and no search goes beyond."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explained:
-    """What explains a survey beside the model: scales of single setups, products of two axes, growth.
+    """Explanations of a survey beside the model: scales of single setups, products of two axes,
+    growth.
 
-    ``named`` (c,) are setups and places in `PRODUCTS` in the order of ``kinds`` (c,), ``size`` (c,) how large each would be alone, in um/m
-    or in um at the far end, ``share`` (c,) how probable it is, and ``spread`` (c,) the size by which it is left open. ``growth``: how
-    probable more growth than usual is, ``nothing``: that all is as usual. ``walk_um`` (m, k) are steps of
-    passes that may wander, as large as they are left open.
+    ``named`` (c,) are setups and places in `PRODUCTS` in the order of ``kinds`` (c,), ``size`` (c,)
+    the size of each alone, in um/m or in um at the far end, ``share`` (c,) its probability, and
+    ``spread`` (c,) the size left open. ``growth``: probability of unusual growth, ``nothing``:
+    probability that all is usual. ``walk_um`` (m, k) are steps of passes that may wander, at the
+    size left open.
     """
 
     kinds: tuple[str, ...]
@@ -81,17 +89,19 @@ class Explained:
 
     @property
     def grows(self) -> bool:
-        """Tell whether growth beyond the usual is what happened, and no setup of another scale."""
+        """Return whether growth beyond the usual is what happened, and no setup of another scale."""
         return self.growth > ODDS * self.of_kind(SCALE)
 
     @property
     def unnamed(self) -> bool:
-        """Tell whether setups and products are more probable than not, and nothing has a name."""
+        """Return whether setups and products are more probable than not, and nothing has a name."""
         return float(np.sum(self.share)) > 0.5 and not self.names
 
     @property
     def names(self) -> list[int]:
-        """Return the places of the explanations that have a name: one setup, or the products that stay probable."""
+        """Return the places of the named explanations: a setup, or the products that stay
+        probable.
+        """
         products, scales = self.probable(PRODUCT), self.probable(SCALE)
         if _outweighs(self.of_kind(PRODUCT)):
             return products
@@ -157,9 +167,11 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
 
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
-    """Return how probable each explanation is, shape (c,), by their odds against nothing (logarithms); what is left of one is nothing's.
+    """Return the probability of each explanation, shape (c,), by their odds against nothing
+    (logarithms); the rest belongs to nothing.
 
-    A kind that has less than one in `ODDS` of the best is not in the mixture: explanations of one pattern stand or fall together.
+    A kind with less than one in `ODDS` of the best is not in the mixture: explanations of a common
+    pattern stand or fall together.
     """
     best = max(float(np.max(odds)), 0.0)
     weight, none = np.exp(odds - best), float(np.exp(-best))
@@ -174,7 +186,8 @@ def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
 def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
     """Return the share of its expected square by which each explanation is left open, shape (c,).
 
-    It is the probability, and in the smallest set of kinds that with nothing holds `SURE` of all as much as 2 u needs to reach over it.
+    The share is the probability, and in the smallest set of kinds that with nothing holds `SURE` of
+    all at least the share whose 2 u reaches over the explanation.
     """
     held, inside = 1.0 - float(np.sum(share)), []
     of_kind = {str(kind): float(np.sum(share[kinds == kind])) for kind in np.unique(kinds)}
@@ -211,10 +224,10 @@ def _families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
 
 
 def _family(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], most: float) -> Family:
-    told = tell(fit, rows, pattern)
-    seen = np.diag(told.seen)
-    seen = np.where(seen > np.maximum(HIDDEN * told.whole, most**-2.0), seen, 0.0)
-    return Family(kind=kind, rows=rows, named=named, shown=told.shown, seen=seen, pattern=lambda places: pattern[:, places], most=most)
+    response = response_of(fit, rows, pattern)
+    seen = np.diag(response.seen)
+    seen = np.where(seen > np.maximum(HIDDEN * response.whole, most**-2.0), seen, 0.0)
+    return Family(kind=kind, rows=rows, named=named, shown=response.shown, seen=seen, pattern=lambda places: pattern[:, places], most=most)
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
@@ -226,8 +239,8 @@ def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
     """Return the odds (logarithm) of more growth in time than is usual."""
     if not growth_um.shape[1]:
         return -np.inf
-    told = tell(fit, np.arange(len(growth_um)), growth_um)
-    return evidence_of_many(fit, *directions(told.seen, told.shown)) + log_prior(GROWN, 1)
+    response = response_of(fit, np.arange(len(growth_um)), growth_um)
+    return evidence_of_many(fit, *directions(response.seen, response.shown)) + log_prior(GROWN, 1)
 
 
 def _outweighs(probability: float) -> bool:

@@ -1,9 +1,11 @@
-"""What contradicts the rest of a survey, a stop, a step or a pass: found, and left out where the readings themselves say what it was.
+"""Contradictions of a survey, a stop, a step or a pass: found, and left out if the readings
+themselves show the cause.
 
-One pass of each diagonal checks every stop once or not at all, and two passes may share that one check: then the residuals alone
-cannot tell which of them is wrong. The smoothness of the machine that an explanation leaves is part of its odds
-(`solver.adjustment.evidence`). Where they do not decide, every explanation is left open as widely as the contradiction is large, all are
-named, and nobody may compensate a machine by such a survey.
+A single pass of each diagonal checks every stop once or not at all, and two passes may share a
+check: then the residuals alone cannot separate them. The smoothness of the machine that an
+explanation leaves is part of its odds (`solver.adjustment.evidence`). If they do not decide, every
+explanation is left open as widely as the contradiction is large, all are named, and such a survey
+may not compensate a machine.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +27,7 @@ from stepdiag.solver.adjustment.evidence import (
     directions,
     evidence_of_many,
     log_prior,
-    tell,
+    response_of,
     visible,
 )
 from stepdiag.solver.adjustment.smoothness import roughness
@@ -39,7 +41,9 @@ from stepdiag.solver.model.quantities import lattice_field_um, quantities
 EFFECTS = {STEP: "found step", WALK: "wandering pass"}
 """Effects of the adjustment by which a fault is left open."""
 LEAST_UM = 0.5
-"""What is smaller is no wrong stop or step however small the noise: the machine repeats to about that."""
+"""Least size of a wrong stop or step in um, however small the noise: about the repeatability of the
+machine.
+"""
 MOST_WEIGHED = 200
 FREE_UM = 1e3
 """Of a size of which nothing is known beforehand."""
@@ -49,10 +53,11 @@ MOST = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
-    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), how large it is and the reading that it is named after.
+    """A stop, a step or a walk: its ``pattern`` (k, r) on ``rows`` (k,), its size and the reading
+    of its name.
 
-    ``odds``: logarithm of how much more probable it is than nothing, of which ``prior`` is there before any reading and ``smoother`` is by
-    the machine's smoothness. ``without`` (count,): the unknowns if it is true.
+    ``odds``: logarithm of its odds against nothing, of which ``prior`` comes before any reading and
+    ``smoother`` from the machine's smoothness. ``without`` (count,): the unknowns if it is true.
     """
 
     kind: str
@@ -74,9 +79,11 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: the faults that stay probable, the best first, one where it has `ODDS` times the odds of the next.
+    """A contradiction: the probable faults, the best first, a single fault if it has `ODDS` times
+    the odds of the next.
 
-    ``apart_um``: by how much the machines differ over the volume that they make of the readings (rms, the furthest from the best).
+    ``apart_um``: largest difference over the volume between their machines (rms, the furthest from
+    the best).
     """
 
     faults: Sequence[Fault]
@@ -89,7 +96,7 @@ class Suspicion:
 
     @property
     def decided(self) -> bool:
-        """Tell whether the readings say what it was."""
+        """Return whether the readings decide on the cause."""
         return len(self.faults) == 1
 
 
@@ -102,7 +109,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> 
     if not found or found[0].odds <= np.log(ODDS):
         return None
     kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
-    # how a pass wanders, or at which of its stops, is one explanation: it is that pass
+    # the way and the place of a pass's wandering are a single explanation: this pass
     if kept[0].kind == WALK:
         kept = [kept[0], *(one for one in kept[1:] if not np.array_equal(one.rows, kept[0].rows))]
     return Suspicion(faults=kept)
@@ -145,14 +152,16 @@ def number_of(every: Sequence[Family], kind: str) -> int:
 
 
 def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fault]:
-    """Return the stops and steps that have any evidence, at most `MOST_WEIGHED`, with what the smoothness of the machine says for them."""
+    """Return the stops and steps with any evidence, at most `MOST_WEIGHED`, with the evidence of
+    the machine's smoothness.
+    """
     all_of, ranked = list(families(fit, every)), []
     prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP)}
     for family in all_of:
         odds, size = family.weighed(fit, number_of(all_of, family.kind)).log_odds, family.size
         places = np.flatnonzero((odds > -np.log(ODDS)) & (np.abs(size) >= LEAST_UM))
         ranked += [(float(odds[place]), family, place, float(size[place])) for place in places]
-    # those that explain as much stand in the order of the readings, not in that of rounding
+    # equally good explanations stand in the order of the readings, not in that of rounding
     ranked.sort(key=lambda one: -round(one[0], DECIMALS))
     del ranked[MOST_WEIGHED:]
     if not ranked:
@@ -160,7 +169,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
     on_all = np.zeros((len(fit.weight), len(ranked)))
     for column, (_, family, place, _) in enumerate(ranked):
         on_all[family.rows, column] = family.pattern(np.array([place]))[:, 0]
-    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * tell(fit, np.arange(len(on_all)), on_all).moved
+    without = fit.unknowns[:, None] - np.array([one[3] for one in ranked]) * response_of(fit, np.arange(len(on_all)), on_all).moved
     rough = roughness(columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance())
     return [
         Fault(
@@ -179,7 +188,9 @@ def _singles(fit: MixedFit, columns: Columns, every: Sequence[Count]) -> list[Fa
 
 
 def walks(fit: MixedFit, every: Sequence[Count]) -> list[Fault]:
-    """Return for each count that its pass wanders: all its steps at once, as a random walk beside what every pass does."""
+    """Return for each count the fault that its pass wanders: all its steps at once, as a random
+    walk beside the usual effects of every pass.
+    """
     found, prior = [], log_prior(WALK, len(every))
     for count in every:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
@@ -212,7 +223,9 @@ def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: st
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
-    """Return the weights without the one wrong stop, or with every possible one as uncertain as the contradiction is large."""
+    """Return the weights without the single wrong stop, or with every possible stop as uncertain as
+    the contradiction is large.
+    """
     lowered = weight.copy()
     for one in suspicion.faults:
         if one.kind == STOP:

@@ -1,4 +1,4 @@
-"""The findings on what is wrong with a survey: one cause by name, or all that stay probable."""
+"""The findings on the errors of a survey: a single cause by name, or all probable causes."""
 
 from collections.abc import Sequence
 
@@ -70,7 +70,9 @@ def _suspect(layout: Layout, one: Fault) -> Message:
 
 
 def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
-    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else the survey is not to be used."""
+    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else
+    the survey is unusable.
+    """
     among = _passes_of(layout, walks)
     if len(walks) > 1:
         return finding("error", message("pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]), among=among)
@@ -96,7 +98,7 @@ def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
 
 
 def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
-    """Tell whether the setup has another pass in the same direction on another count."""
+    """Return whether the setup has another pass in the same direction on another count."""
     mine: set[PassKey] = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     others = [key for key in layout.passes if key not in mine]
     return all(any(key.setup == other.setup and key.outward == other.outward for other in others) for key in mine)

@@ -1,22 +1,26 @@
-"""How much a machine and its laser scatter: estimated before anything is called a contradiction.
+"""Scatter of a machine and its laser: estimated before anything is called a contradiction.
 
 Theory of operation. A reading differs from the model by two kinds of chance:
 
-    miss    each move of an axis ends beside its target by a miss along that axis. An axis that stands keeps its place: all stops
-            until its next move share its miss. Standard deviation: the repeatability of that axis.
-    noise   the laser's own scatter, which each stop states, and beside it vibration and turbulence of the setup, of each stop alone.
+    miss    each move of an axis ends beside its target by a miss along this axis. A standing axis
+    keeps its place: all stops
+            until its next move share its miss. Standard deviation: the repeatability of this axis.
+    noise   the laser's own scatter, stated by each stop, and beside it vibration and turbulence of
+    the setup, of each stop alone.
 
-A pass that begins without overrun has its axes come from anywhere: what they miss by at its first stop is a size of its own, with their
-backlash in it. Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is
-the inverse root of a reading's weight. Repeats, the way out against the way back, and the pattern of three stops that a miss makes in a
-step diagonal tell the two apart. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979; where it has settled it
-is the restricted maximum likelihood)
+A pass without overrun has its axes come from anywhere: the misses at its first stop have a size of
+their own, with their backlash. Misses are unknowns of the adjustment held to zero by a prior within
+the repeatability (`solver.model.priors`); noise is the inverse root of a reading's weight. Repeats,
+the way out against the way back, and the pattern of three stops of a miss in a step diagonal
+separate the two. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979;
+once settled it is the restricted maximum likelihood)
 
     log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of weighted squared residuals
 
-over the rows it stands for. Before wrong stops are found, S comes from the median of the residuals, which single stops do not move. The
-prior is normal in the logarithm: the axes of a machine repeat alike, setups of a survey are alike, and both lie within a broad range of
-what is assumed. All are most likely together; where the readings show nothing, the assumed size stays.
+over its rows. Before wrong stops are found, S comes from the median of the residuals, which single
+stops do not move. The prior is normal in the logarithm: the axes of a machine repeat alike, setups
+of a survey are alike, and both lie within a broad range of what is assumed. All are most likely
+together; where the readings show nothing, the assumed size stays.
 """
 
 from collections.abc import Sequence
@@ -35,7 +39,9 @@ from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
 FIRST = 3
 """Kind of the misses at first stops; 0, 1, 2 are the axes."""
 FIRST_UM = 1.0
-"""At a first stop: half the backlash of an ordinary machine where the pass begins without overrun, its repeatability where it has one."""
+"""At a first stop: half the backlash of an ordinary machine without overrun, its repeatability with
+an overrun.
+"""
 BROAD = 1.0
 """Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a grinding machine to a worn one."""
 AXES_ALIKE = 0.3
@@ -55,9 +61,10 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """``misses_um`` (4,): standard deviation of what a move of each axis misses by, and of each axis at the first stop of a pass (`FIRST`);
-    ``noise_um`` (setups,): of a reading of each setup beside what it states, or of all of it where it states nothing. ``freedom_misses``
-    and ``freedom_noise``: how many degrees of freedom showed them.
+    """``misses_um`` (4,): standard deviation of the miss of a move of each axis, and of each axis
+    at the first stop of a pass (`FIRST`); ``noise_um`` (setups,): of a reading of each setup beside
+    its statement, or of all its noise without a statement. ``freedom_misses`` and
+    ``freedom_noise``: their degrees of freedom.
     """
 
     misses_um: Vector
@@ -87,7 +94,7 @@ class Scatter:
         return u
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
-        """Tell whether readings and misses beside them scatter alike within `SETTLED`."""
+        """Return whether readings and misses beside them scatter alike within `SETTLED`."""
         own, others = (one.u_um(layout) for one in (self, other))
         misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(other.misses_um, np.mean(others))
         return bool(np.max(np.abs(np.log(np.concatenate([misses, own / others])))) < SETTLED)
@@ -95,14 +102,18 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misses:
-    """The rows that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each, its axis or `FIRST`."""
+    """The rows that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each,
+    its axis or `FIRST`.
+    """
 
     rows: NDArray[np.int64]
     kind: NDArray[np.int64]
 
 
 def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool) -> Scatter:
-    """Return the sizes that a fit makes most likely that was made with the sizes ``before``; ``robust`` where stops may be wrong."""
+    """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
+    be wrong.
+    """
     # backlash at first stops is as large in all passes of an axis: no median holds it
     shown = [_shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST) for kind in range(FIRST + 1)]
     likely = [_likely(np.exp(2.0 * _LOG), *one) for one in shown]
@@ -175,5 +186,5 @@ def _stated_um(layout: Layout) -> Vector:
 
 
 def _unstated(layout: Layout) -> NDArray[np.bool_]:
-    """Tell of every setup whether any of its readings states nothing, shape (setups,)."""
+    """Return for every setup whether any of its readings states nothing, shape (setups,)."""
     return np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])

@@ -1,7 +1,8 @@
-"""Whether a given angular function has the wrong sign, asked before any reading is held to be wrong.
+"""Wrong sign of a given angular function, tested before any test of the readings.
 
-A function of the other sign is one linear change of what the readings should be, so its size is estimated before it is tested: 1 where the
-sign is wrong, 0 where it is right. A fault of readings has some other size, and is looked for afterwards, with the signs that are right.
+A function of the other sign is a linear change of the expected readings, so its size is estimated
+before the test: 1 for a wrong sign, 0 for a right sign. A fault of readings has some other size,
+and is searched afterwards, with the right signs.
 """
 
 from collections.abc import Mapping
@@ -43,7 +44,9 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
 
 
 def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
-    """Return the functions whose other sign changes nothing by which the readings would tell it, ``turned`` as in `wrong_signs`."""
+    """Return the functions whose other sign changes no reading visibly, ``turned`` as in
+    `wrong_signs`.
+    """
     return [name for name, change in turned.items() if _square(current, change) <= BETTER]
 
 

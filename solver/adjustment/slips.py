@@ -1,15 +1,16 @@
-"""How large a slip of the laser's count may be without being noticed, from where the stops are and how well the readings check each other.
+"""Largest slip of the laser's count that may go unnoticed, by the places of the stops and the
+mutual checks of the readings.
 
-The smallest step of a count that stands out of what the fit and the usual causes leave of it (Baarda 1968, minimal detectable bias). It
-needs no reading: a plan says it before the survey, a result after it, by the same figures.
+The smallest visible step of a count over the residue of the fit and the usual causes (Baarda 1968,
+minimal detectable bias). The size needs no reading: a plan states it before the survey, a result
+after, by the same figures.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag.base.result.members import UnseenSlip, UnseenSlips
 from stepdiag.base.volume import Vector
@@ -23,66 +24,26 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
-normal distribution (95 %), and more where effects larger than usual explain part of a step."""
+"""A step larger by this factor than a step named in half of the surveys is nearly always named:
+6.65 for 5 standard uncertainties by the normal distribution (95 %), and more where effects larger
+than usual explain part of a step.
+"""
 MOST_STANDING = 10.0
 """Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6 times that size were named or refused."""
 NOTHING_UM = 1e-6
-"""A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-9 is rounding, elsewhere 0.1 is little."""
+"""A step of 1 um with a smaller effect on the volume counts as harmless: at the turn of a count
+1e-9 is rounding, elsewhere 0.1 is little.
+"""
 TELLS_MORE = 1.3
 """A slip that makes the volume's errors larger by this factor than the noise of the readings does is reported with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
-"""Names in the result, and the kinds of setups that each holds."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unseen:
-    """The step of a count that is seen least, and where: on the way to a stop of a pass; ``u_um`` is infinite where nothing tells it."""
-
-    setup: str
-    pass_number: int
-    stop: int
-    u_um: float
-    stands_out: float
-    """Standard uncertainties at which it is separated from chance in half of the surveys."""
-    rows: NDArray[np.int64]
-    """The readings that are off by it."""
-
-    @property
-    def place(self) -> str:
-        """Return the pass as a person writes it: ``ppp/1``."""
-        return f"{self.setup}/{self.pass_number}"
-
-    @property
-    def half_um(self) -> float:
-        """Return of which size it is seen in half of the surveys."""
-        return max(self.stands_out * self.u_um, LEAST_UM)
-
-    @property
-    def nearly_um(self) -> float:
-        """Return of which size it is seen in 95 % of them and more."""
-        return max(NEARLY_ALWAYS * self.stands_out * self.u_um, LEAST_UM + 2.0 * self.u_um)
-
-
-def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen | None:
-    """Return the step that is seen least in setups of some kinds; None where there are none of them.
-
-    In a count too short to be looked through nothing is seen, whatever its size.
-    """
-    blind = [_unseen(fit, layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
-    found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout, kinds)]
-    every = blind + found
-    return every[first_of_the_largest([each.u_um for each in every])] if every else None
-
-
-def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
-    u_um = _u_um(fit, count)
-    place = first_of_the_largest(u_um) + 1
-    return _unseen(fit, layout, count.rows, place, float(u_um[place - 1]))
+"""Names in the result, and their kinds of setups."""
 
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
-    """Return how well a step before each reading but the first is known, infinite where nothing tells it."""
+    """Return the standard uncertainty of a step before each reading but the first, infinite if
+    nothing shows it.
+    """
     mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     visible = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
@@ -95,67 +56,76 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
     return standing_out(max(fit.freedom, 1), log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))), MOST_STANDING)
 
 
-def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
-    key = layout.passes[layout.pass_index[rows[place]]]
-    return Unseen(
-        setup=key.setup,
-        pass_number=key.number,
-        stop=int(layout.stop[rows[place]]),
-        u_um=u_um,
-        stands_out=stands_out(fit, layout),
-        rows=rows[place:],
-    )
-
-
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
-    """Return for diagonals and runs along an axis the slip that does most harm unseen (um; None: of any size); None without either.
+    """Return for diagonals and runs along an axis the most harmful unseen slip (um; None: of any
+    size); None without either.
 
-    ``volume_um`` is what a slip of ``half_um`` there makes of the errors over the volume (rms), as far as they are identified,
-    ``readings_um`` what the noise of the readings makes of them (k = 1). ``passes`` are those in which a slip that is seen in half of the
-    surveys makes more than `TELLS_MORE` times that, both together: no stated uncertainty holds it.
+    ``volume_um`` is the effect of a slip of ``half_um`` there on the errors over the volume (rms),
+    as far as identified, ``readings_um`` the effect of the readings' noise (k = 1). ``passes`` are
+    the passes in which a slip seen in half of the surveys makes more than `TELLS_MORE` times the
+    effect of both together: no stated uncertainty holds it.
     """
-    field, report = _Field.of(fit, layout, design), dict[str, UnseenSlip]()
+    field, report, out = _Field.of(fit, layout, design), dict[str, UnseenSlip](), stands_out(fit, layout)
     noise_um = field.noise_um()
     for name, kinds in KINDS.items():
-        blind = [(_unseen(fit, layout, rows, 1, np.inf), np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
-        every = blind + [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count)]
+        # in a count too short to be looked through nothing is seen, whatever its size
+        every = [_Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
+        every += [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count, out)]
         if every:
-            worst, um = every[first_of_the_largest([made for _, made in every])]
-            more = [each.place for each, made in every if np.hypot(made, noise_um) > TELLS_MORE * noise_um > 0.0]
-            report[name] = _slip(worst, um, noise_um, more)
+            worst = every[first_of_the_largest([each.made_um for each in every])]
+            more = [each for each in every if np.hypot(each.made_um, noise_um) > TELLS_MORE * noise_um > 0.0]
+            passes = tuple(layout.passes[layout.pass_index[each.row]].place for each in more)
+            report[name] = _slip(layout, worst, out, noise_um, passes)
     return UnseenSlips(**report) if report else None
 
 
-def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: Unseen) -> float:
-    """Return what a slip that is seen in half of the surveys makes of the errors over the volume, as far as they are identified (rms)."""
-    if not np.isfinite(unseen.u_um):
-        return float(np.inf)
-    made_um = _Field.of(fit, layout, design).made_um(unseen.rows)
-    return unseen.half_um * made_um if made_um > NOTHING_UM else 0.0
+class _Worst(NamedTuple):
+    """The step that does most harm in a pass: the reading that it is before, how well it is known, what it makes of the volume."""
+
+    row: int
+    u_um: float
+    made_um: float
 
 
-def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:
-    """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys, and how much.
+def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
+    """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys.
 
-    It is not the one that is seen least: on one count a step at the turn hides well, in the backlash, and harms no way, whatever its size.
+    It is not the least visible step: on a single count a step at the turn hides well, in the
+    backlash, and harms no way, whatever its size.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
     unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(visible, moved_um * np.maximum(stands_out(field.fit, layout) * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
+    made = np.where(visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)
         place = int(mine[first_of_the_largest(made[mine])])
-        yield _unseen(field.fit, layout, count.rows, place + 1, float(u_um[place])), float(made[place])
+        yield _Worst(row=int(count.rows[place + 1]), u_um=float(u_um[place]), made_um=float(made[place]))
+
+
+def _slip(layout: Layout, worst: _Worst, out: float, noise_um: float, passes: tuple[str, ...]) -> UnseenSlip:
+    key, u_um = layout.passes[layout.pass_index[worst.row]], worst.u_um
+    noticed = bool(np.isfinite(u_um))
+    return UnseenSlip(
+        setup=key.setup,
+        pass_number=key.number,
+        stop=int(layout.stop[worst.row]),
+        half_um=max(out * u_um, LEAST_UM) if noticed else None,
+        nearly_um=max(NEARLY_ALWAYS * out * u_um, LEAST_UM + 2.0 * u_um) if noticed else None,
+        volume_um=worst.made_um if noticed else None,
+        readings_um=noise_um,
+        passes=passes,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The errors over the volume that are identified, as few numbers of which the squares sum up to as much as theirs.
+    """The identified errors over the volume, as few numbers with the same sum of squares.
 
-    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are what a unit of each unknown, and 1 um in each reading, makes of them in um;
-    ``values`` is how many components the errors have at all points.
+    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of a unit of each unknown,
+    and of 1 um in each reading, on them in um; ``values`` is the number of components of the errors
+    at all points.
     """
 
     fit: MixedFit
@@ -186,24 +156,6 @@ class _Field:
         """Return what a step of 1 um before each reading but the first makes of them, root mean square of the vectors."""
         return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
-    def made_um(self, rows: NDArray[np.int64]) -> float:
-        """Return what 1 um in some readings makes of them, root mean square of the vectors."""
-        return float(self._rms_um(np.sum(self.by_readings[rows], axis=0)))
-
     def _rms_um(self, off_um: Vector) -> Vector:
         found: Vector = np.sqrt(3.0 * np.sum(off_um**2, axis=-1) / self.values)
         return found
-
-
-def _slip(unseen: Unseen, volume_um: float, noise_um: float, passes: Sequence[str]) -> UnseenSlip:
-    noticed = bool(np.isfinite(unseen.u_um))
-    return UnseenSlip(
-        setup=unseen.setup,
-        pass_number=unseen.pass_number,
-        stop=unseen.stop,
-        half_um=unseen.half_um if noticed else None,
-        nearly_um=unseen.nearly_um if noticed else None,
-        volume_um=volume_um if noticed else None,
-        readings_um=noise_um,
-        passes=tuple(passes),
-    )

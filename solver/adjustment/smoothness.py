@@ -1,4 +1,6 @@
-"""How rough the machine is that an explanation leaves: a guideway bends, it does not jump from one target to the next."""
+"""Roughness of the machine left by an explanation: a guideway bends and does not jump from target
+to target.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +16,12 @@ LEAST_POWER_UM2 = 1e-8
 def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
     """Return twice the negative log-likelihood of the nine displacement functions as smooth ones, shape (k,) for ``unknowns`` (count, k).
 
-    ``variance_um2`` (count,) is that of each unknown by noise: values that scatter are no more rough than that.
+    ``variance_um2`` (count,) is the variance of each unknown by noise: values with scatter are no
+    rougher than their noise.
 
-    Their half waves over the travel are normal with a power that falls, or stays, with their number, as far as the functions
-    themselves show (isotonic maximum likelihood): a jump at one target puts as much into the shortest waves as into the long ones.
+    Their half waves over the travel are normal with a power that falls, or stays, with their
+    number, by the functions themselves (isotonic maximum likelihood): a jump at a target puts as
+    much into the shortest waves as into the long waves.
     """
     waves = columns.nodes - 1
     if waves < 2:

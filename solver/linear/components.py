@@ -1,4 +1,5 @@
-"""How large the causes of a mixed fit are: restricted maximum likelihood, one size a group, the usual one where the readings are silent.
+"""Sizes of the causes of a mixed fit: restricted maximum likelihood, a size per group, the usual
+size if the readings are silent.
 
 Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a size has the user's as its most likely
 order of magnitude and goes on to nothing: a cause may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
@@ -17,10 +18,11 @@ ROUNDS, ROUNDS_NEAR = 40, 4
 LARGEST_STEP = 1.5
 SETTLED = 1e-3
 FURTHEST = 7.0
-"""Sizes stay within e^7 of what is usual: beyond, the logarithm has nothing to say any more."""
+"""Sizes stay within e^7 of the usual: beyond, the logarithm has no information."""
 HEAD, TAIL = 0.5, 4.0
-"""Powers of the size with which the prior of its logarithm begins and falls: one in four below a tenth of the usual size, half below 0.47
-of it, one in twenty beyond three times."""
+"""Powers of the size at the beginning and in the tail of the prior of its logarithm: one in four
+below a tenth of the usual size, half below 0.47 of it, one in twenty beyond three times.
+"""
 _LEAST_CURVED = 0.1
 _NOTHING, _EXPLAINED = 1e-12, 1e-6
 """Residuals of nothing, and the share of a square sum that no explanation goes below: rounding."""
@@ -30,14 +32,18 @@ _MUCH_SMALLER = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """What became of the groups: ``factor`` (groups,) by which each is larger than usual, and whether it was ``sought``."""
+    """Sizes of the groups: ``factor`` (groups,) of each over the usual size, and whether it was
+    ``sought``.
+    """
 
     factor: Vector
     sought: NDArray[np.bool_]
 
 
 def log_prior(log_factor: Vector) -> Vector:
-    """Return the logarithm of the density of a size's logarithm, up to a constant, by how much it is beyond that of the usual one."""
+    """Return the logarithm of the density of a size's logarithm, up to a constant, by its distance
+    from the usual logarithm.
+    """
     found: Vector = HEAD * log_factor - 0.5 * (TAIL + HEAD) * np.log1p(HEAD / TAIL * np.exp(2.0 * log_factor))
     return found
 
@@ -52,14 +58,16 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
 def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None) -> Sizes:
     """Return the sizes that the readings make most likely.
 
-    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought`` (groups,) says whose size is not known,
-    ``near`` (groups,) where the search begins: at the usual sizes without it.
+    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought``
+    (groups,) marks the groups of unknown size, ``near`` (groups,) the start of the search: the
+    usual sizes without it.
     """
     log = np.zeros(len(sought)) if near is None else np.where(sought, np.log(near), 0.0)
     free = np.flatnonzero(sought)
     member = (group[:, None] == free).astype(np.float64)
     furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
-    for _ in range((ROUNDS if near is None else ROUNDS_NEAR) if len(free) else 0):
+    rounds = ROUNDS if near is None else ROUNDS_NEAR
+    for _ in range(rounds if len(free) else 0):
         here = sized(mixed, np.exp(log)[group])
         gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])
@@ -89,10 +97,12 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
 
 
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
-    """Return twice the logarithm of what the likelihood gains where the weighted square sum of the residuals falls to ``left``.
+    """Return twice the logarithm of the likelihood gain for a fall of the weighted square sum of
+    the residuals to ``left``.
 
-    The noise of all weights may be smaller by one factor without the fault that made them large (profile likelihood). Where the residuals
-    are much smaller than their weights say, no fault made these large: they stand.
+    The noise of all weights may be smaller by a common factor without the fault that made them
+    large (profile likelihood). If the residuals are much smaller than their weights, no fault made
+    these large: they stand.
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)

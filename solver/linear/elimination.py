@@ -1,8 +1,9 @@
-"""Gaussian elimination that uses how a step diagonal couples its unknowns.
+"""Gaussian elimination for the coupling of a step diagonal's unknowns.
 
-A diagonal passes node i of one axis together with nodes i or n - i of the others. Nodes folded to min(i, n - i) are therefore coupled to
-their neighbours only: a block tridiagonal matrix. What is coupled to everything (offsets, tilts, drifts, the end nodes) stands in a border.
-Elimination costs n small blocks instead of (18 n)^3.
+A diagonal passes node i of an axis together with nodes i or n - i of the others. Nodes folded to
+min(i, n - i) are therefore coupled to their neighbours only: a block tridiagonal matrix. Unknowns
+coupled to everything (offsets, tilts, drifts, the end nodes) stand in a border. Elimination costs n
+small blocks instead of (18 n)^3.
 """
 
 from collections.abc import Iterator
@@ -89,9 +90,10 @@ class Elimination:
             following = here
 
     def around(self) -> Iterator[tuple[int, Vector]]:
-        """Yield from the last block back: its number and the inverse for the block before it, itself and the border; at last -1, border.
+        """Yield from the last block back: its number and the inverse for the block before it,
+        itself and the border; at last -1, border.
 
-        It is all of the inverse that rows need which touch no more.
+        Rows that touch no more need no more of the inverse.
         """
         borders = -self.border_solution @ self.border_inverse
         inside = between = np.zeros((0, 0))
@@ -120,10 +122,12 @@ class Elimination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normal:
-    """A symmetric matrix whose blocks touch only their neighbours and the border, in the order of ``blocks``.
+    """A symmetric matrix whose blocks touch only their neighbours and the border, in the order of
+    ``blocks``.
 
-    ``own`` are the blocks of the diagonal, ``lower`` those between each and the one before it (none before the first), ``coupling`` is
-    (places before the border, border), ``border`` (border, border).
+    ``own`` are the blocks of the diagonal, ``lower`` the blocks between each and its predecessor
+    (none before the first), ``coupling`` is (places before the border, border), ``border`` (border,
+    border).
     """
 
     blocks: Blocks

@@ -1,10 +1,13 @@
-"""How likely each size of a group of causes is, and what the group's amounts are at each: the posterior of a variance component.
+"""Likelihood of each size of a group of causes, and the group's amounts at each: the posterior of a
+variance component.
 
-With the other groups as they were found, a group's amounts fall apart into independent directions, whatever its size:
+With the other groups at their sizes found, a group's amounts fall apart into independent directions
+for any size:
 
     variance = f^2 / (1 + f^2 seen),    amount = variance * shown,    f = size / size found
 
-so that all sizes cost one eigenvalue decomposition (Harville 1974 for the likelihood, Searle, Casella, McCulloch 1992, 9.2).
+so that all sizes cost a single eigenvalue decomposition (Harville 1974 for the likelihood, Searle,
+Casella, McCulloch 1992, 9.2).
 """
 
 from collections.abc import Sequence
@@ -18,10 +21,11 @@ from stepdiag.solver.linear.components import FURTHEST, Sizes, log_prior
 from stepdiag.solver.linear.mixed import MixedFit
 
 POINTS = 15
-"""Sizes, each as likely as the others, that stand for all."""
+"""Number of equally likely sizes that stand for all."""
 CLASS_SPREAD = 0.6
-"""Standard deviation of the logarithm of how large the errors of one machine are beside those of its class: between a third of the usual
-and three times it lie 95 %, as far as good and old machines lie apart (docs/uncertainty.md)."""
+"""Standard deviation of the logarithm of a machine's errors beside its class: between a third of
+the usual and three times it lie 95 %, the distance of good and old machines (docs/uncertainty.md).
+"""
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
 """Of hidden waves: the share of machines without, what these have, and the range of the others: ball screws of 0.5 to 3 um."""
 _FINE = 281
@@ -88,7 +92,7 @@ def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
 
 
 def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the sizes that are not exceeded with probabilities, relative to the one found."""
+    """Return the sizes not exceeded with probabilities, relative to the size found."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
     likely = 0.5 * np.sum(square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1) + log_prior(log + log_found)
@@ -98,21 +102,26 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
 
 
 def size_by_all(families: Sequence[Family], probability: float) -> float:
-    """Return the size that is not exceeded with a probability, by families of a group in fits that are independent of each other, relative
-    to the size that all of these were made with, the usual one."""
+    """Return the size not exceeded with a probability, by families of a group in independent fits,
+    relative to their common usual size.
+    """
     seen, shown = (np.concatenate([np.zeros(0), *(getattr(one, field) for one in families)]) for field in ("seen", "shown"))
     return _sizes_at(np.array([probability]), seen, shown, 0.0).item()
 
 
 def likely_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual one, of a cause that no reading shows, shape (points,)."""
+    """Return equally likely sizes, relative to the usual size, of a cause without readings, shape
+    (points,).
+    """
     return _points(np.zeros(1), np.zeros(1), 0.0)
 
 
 def hidden_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,).
+    """Return equally likely sizes, relative to the usual size, of waves unseen at targets, shape
+    (points,).
 
-    In one machine of four they are next to none (a glass scale where a screw was assumed), in the others within `WAVES_SPREAD`.
+    In one machine of four they are next to none (a glass scale in place of an assumed screw), in
+    the others within `WAVES_SPREAD`.
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
     low, high = WAVES_SPREAD
@@ -121,9 +130,10 @@ def hidden_factors() -> Vector:
 
 
 def class_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual one, of what was not measured of a machine: one for all of it, shape (points,).
+    """Return equally likely sizes, relative to the usual size, of a machine's unmeasured errors: a
+    common size for all, shape (points,).
 
-    They stand in an order of their own: which of them goes with which of `likely_factors` says nothing.
+    They stand in an order of their own: their pairing with `likely_factors` has no meaning.
     """
     found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[np.arange(POINTS) * (POINTS // 2) % POINTS]
     return found

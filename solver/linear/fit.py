@@ -25,7 +25,8 @@ class Fit:
 
     @cached_property
     def redundancy(self) -> Vector:
-        """Return for each row the share of its own error that shows in its residual, shape (m,), from 0 (not checked) to 1.
+        """Return for each row the share of its own error in its residual, shape (m,), from 0 (not
+        checked) to 1.
 
         A row of weight 0 is predicted by the others entirely: 1.
         """

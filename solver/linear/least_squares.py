@@ -17,7 +17,7 @@ _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
 REFINEMENTS = 2
 _PIECE = 512
-"""Rows that are worked out together: what that needs grows with their number times that of the unknowns."""
+"""Rows computed together: the memory grows with their number times the number of unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,9 @@ class Inverse:
         return found
 
     def sees(self, combinations: Rows) -> NDArray[np.bool_]:
-        """Tell for each row of ``combinations``, a linear function of the unknowns, whether the data determine it, shape (q,)."""
+        """Return for each row of ``combinations``, a linear function of the unknowns, whether the
+        data determine it, shape (q,).
+        """
         length = np.sqrt(np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1))
         hidden = np.linalg.norm(combinations.times(self.null), axis=1)
         seen: NDArray[np.bool_] = hidden <= 10 * NULL_TOLERANCE * length
@@ -183,7 +185,9 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
 
 
 def _refined(system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination) -> Vector:
-    """Return directions (count, k) that are nearly null with the digits restored that the normal matrix cost; ``held`` stay as they are."""
+    """Return nearly null directions (count, k) with the digits restored that the normal matrix
+    cost; ``held`` stay unchanged.
+    """
     refined = basis
     for _ in range(REFINEMENTS):
         left = system.times_normal(refined)

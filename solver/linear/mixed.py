@@ -22,11 +22,14 @@ _SMALL = 48
 
 @dataclass(frozen=True, eq=False)
 class Causes:
-    """What the fixed unknowns leave of every cause: ``pattern`` (m, q) is what one unit of it does to the targets.
+    """The residue of every cause beside the fixed unknowns: ``pattern`` (m, q) is the effect of a
+    unit on the targets.
 
-    ``taken`` (count, q): what the fit without causes would take it for; ``left`` (m, q): weighted residual of the pattern;
-    ``scaled`` (m, q): its residual times the root of the weight; ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled
-    residual of the targets. As products of residuals: what unknowns take over of a pattern leaves no rounding of its own size in them.
+    ``taken`` (count, q): its image in the unknowns by the fit without causes; ``left`` (m, q):
+    weighted residual of the pattern; ``scaled`` (m, q): its residual times the root of the weight;
+    ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled residual of the targets.
+    As products of residuals: the unknowns' share of a pattern leaves no rounding of its own size in
+    them.
     """
 
     pattern: Vector
@@ -49,7 +52,9 @@ class Causes:
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """A fit without causes (``fixed``) and what becomes of it when each cause may have its ``size`` (q,)."""
+    """A fit without causes (``fixed``) and its change when each cause may have its ``size``
+    (q,).
+    """
 
     fixed: Fit
     causes: Causes
@@ -74,7 +79,8 @@ class MixedFit:
     def damped_root(self) -> Vector:
         """Return a factor of the inverse of D = 1 + size seen size: inverse = root.T @ root, shape (q, q).
 
-        No eigenvalue of D is below one: where the noise is next to nothing, rounding must not make one.
+        No eigenvalue of D is below one: if the noise is next to nothing, rounding must not create a
+        smaller value.
         """
         damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
         try:
@@ -127,7 +133,9 @@ class MixedFit:
 
     @cached_property
     def redundancy(self) -> Vector:
-        """Return for each row the share of its own noise that shows in its residual, shape (m,), 1 where its weight is 0."""
+        """Return for each row the share of its own noise in its residual, shape (m,), 1 for a
+        weight of 0.
+        """
         return self._redundancy(np.arange(len(self.weight)), self.taken_over)
 
     def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
@@ -166,4 +174,4 @@ def _inverse_of_lower(lower: Vector) -> Vector:
 
 
 AnyFit = Fit | MixedFit
-"""What has residuals, weights and redundancies."""
+"""A fit with residuals, weights and redundancies."""

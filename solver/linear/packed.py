@@ -1,7 +1,9 @@
-"""Rows sorted by the blocks they touch: each lot is a small dense matrix, and everything of them is small products.
+"""Rows sorted by their blocks: each lot is a small dense matrix, and all operations are small
+products.
 
-A row of a survey touches one block of unknowns, the one before it and the border. Thousands of stops become n dense pieces of some dozen
-columns, on which the processor is ten times as fast as on single entries.
+A row of a survey touches a block of unknowns, its predecessor and the border. Thousands of stops
+become n dense pieces of some dozen columns, on which the processor is ten times as fast as on
+single entries.
 """
 
 from dataclasses import dataclass
@@ -16,8 +18,9 @@ from stepdiag.solver.linear.rows import Rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Rows ``row`` (r,) that touch block ``block`` (-1: the border only), the one before it and the border: ``value`` (r, c) in
-    the unknowns ``column`` (c,)."""
+    """Rows ``row`` (r,) that touch block ``block`` (-1: the border only), its predecessor and the
+    border: ``value`` (r, c) in the unknowns ``column`` (c,).
+    """
 
     block: int
     row: NDArray[np.int64]

@@ -1,4 +1,6 @@
-"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and the findings about it."""
+"""Unmeasured angular functions: their likely values by the readings, the resolved functions among
+them, and their findings.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,8 +16,10 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Worn machines with 90 urad turn 6 times the usual of an ordinary one, and surveys of them tell 7 times at most. What is surely larger is
-no machine: in a small survey a wrong reading passes for large angles."""
+"""Worn machines with 90 urad turn 6 times the usual of an ordinary machine, and surveys of them
+show 7 times at most. A certainly larger value is no machine: in a small survey a wrong reading
+passes for large angles.
+"""
 FEW_FREEDOM = 20
 """Three increments, driven once, have 13 degrees of freedom, two have 7: there a slip of 20 um in a run of three stops looks like angles
 of 130 urad, which made a machine worse that was compensated by it (5.7 to 9.8 um)."""
@@ -46,8 +50,9 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
 
 
 def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, float] | None:
-    """Return the range over the travel that the readings make likely of an angular function: the median size and those that 95 % lie
-    between; None where no angular function is unknown."""
+    """Return the likely range over the travel of an angular function by the readings: the median
+    size and its 95 % limits; None without an unknown angular function.
+    """
     if not found.shapes.names:
         return None
     place = spread.names.index("angles")

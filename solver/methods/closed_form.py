@@ -62,7 +62,9 @@ def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[Diag
 
 
 def _functions(volume: Volume, solution: VectorSolution, reading_u: float, terms: int) -> dict[str, Function]:
-    """Return the nine functions; positioning keeps its slope where the method claims to know it."""
+    """Return the nine functions; positioning keeps its slope if the method claims to determine
+    it.
+    """
     size = np.array(volume.size_mm)
     nodes = np.arange(volume.increments + 1)
     bridge = np.sqrt(2.0 * nodes * (volume.increments - nodes) / volume.increments)

@@ -1,4 +1,6 @@
-"""Where k = 2 is not 95 %: the noise was found from few degrees of freedom (GUM G.4, Welch and Satterthwaite)."""
+"""Cases in which k = 2 is not 95 %: the noise was found from few degrees of freedom (GUM G.4, Welch
+and Satterthwaite).
+"""
 
 from collections.abc import Mapping
 
@@ -42,7 +44,7 @@ def coverage(
 
 
 def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
-    """Return the finding on uncertainties that want a larger factor than 2."""
+    """Return the finding on uncertainties that need a larger factor than 2."""
     if not report:
         return []
     worst = max(report, key=lambda name: report[name].k)

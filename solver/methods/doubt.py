@@ -1,4 +1,6 @@
-"""A survey that is more probably wrong than right: what may be wrong, what each would make of the volume, and what separates them."""
+"""A survey that is more probably wrong than right: possible errors, their effects on the volume,
+and the setup that separates them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +23,14 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""So many times the size that is left open for it explains all that it can."""
+"""At this multiple of its remaining size an explanation explains all it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """What may be wrong: its probability, its words, the passes it is about, and its causes: the effect and the places in it."""
+    """A possible error: its probability, its words, its passes, and its causes: the effect and the
+    places in it.
+    """
 
     share: float
     words: Message
@@ -74,7 +78,9 @@ def candidates(found: Adjustment) -> list[Candidate]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Volumes:
-    """What the machine does over the volume, rigid motion removed: ``fields`` (k, 3 points) for one unit of each value of ``machine``."""
+    """Motion of the machine over the volume, rigid motion removed: ``fields`` (k, 3 points) for a
+    unit of each value of ``machine``.
+    """
 
     found: Adjustment
     machine: Machine
@@ -93,7 +99,7 @@ class Volumes:
         return self._over_volume(self.found.fit)
 
     def apart_um(self, one: Candidate) -> Vector:
-        """Return by how much the machine differs from that where one explanation is what happened and no other."""
+        """Return the machine's difference if a single explanation is true."""
         return self._over_volume(_alone(self.found, one)) - self.reported_um
 
     def _over_volume(self, fit: MixedFit) -> Vector:
@@ -108,7 +114,9 @@ def rms_um(field_um: Vector) -> float:
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit where one explanation is true: it may have any size, all others none; growth is as usual, or as large as found."""
+    """Return the fit for a true explanation: it may have any size, all others none; growth is
+    usual, or as large as found.
+    """
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
         usual = min(1.0, 1.0 / size) if effect.name in (GROWTH, SETUP_SCALE) else 1.0
@@ -120,8 +128,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
-    """Return the setup that is worth driving again with laser and target set up anew, and the minutes it takes: the one that changes
-    the odds most in a minute (by the variance of whether the cause lies in it)."""
+    """Return the best setup to drive again with laser and target set up anew, and its minutes: the
+    setup that changes the odds most in a minute (by the variance of whether the cause lies in it).
+    """
     found = []
     for setup in layout.setups:
         share = sum(one.share for one in every if any(place.startswith(f"{setup.name}/") for place in one.passes))

@@ -1,4 +1,6 @@
-"""The estimator as a method of the solver: all readings of a survey in one adjustment, and what it identifies."""
+"""The estimator as a method of the solver: all readings of a survey in a single adjustment, and its
+identified quantities.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -70,7 +72,9 @@ class Estimate:
 
     @property
     def gain(self) -> Vector:
-        """Return the linear operator (q, m): quantities = gain @ deviation_um. 200,000 Monte Carlo trials are one product with it."""
+        """Return the linear operator (q, m): quantities = gain @ deviation_um. 200,000 Monte Carlo
+        trials are a single product with it.
+        """
         fit = self.adjustment.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
         direct = fit.rows.times(spread) * fit.weight[:, None]
@@ -87,7 +91,9 @@ class Estimate:
         return matrix
 
     def number(self, name: str) -> tuple[float, float, float] | None:
-        """Return value, combined standard uncertainty and that by readings of a number, None where it is not identified."""
+        """Return value, combined standard uncertainty and uncertainty by readings of a number, None
+        if not identified.
+        """
         row = self.quantities.of(name)[0]
         return (float(self.value[row]), float(self.u[row]), float(self.u_readings[row])) if self.known[name] else None
 
@@ -150,7 +156,8 @@ def solve_estimate(
 ) -> Result:
     """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy.
 
-    With ``trials`` the result says how so many drawn surveys scatter beside its ``u`` (JCGM 101).
+    With ``trials`` the result holds the scatter of so many drawn surveys beside its ``u`` (JCGM
+    101).
     """
     straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
@@ -202,8 +209,9 @@ def solve_estimate(
 
 
 def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> tuple[Result, dict[str, float]]:
-    """Return the result with what it says about the whole volume, the machine's posterior, its predictions, what the angles leave, and
-    what each source makes of the volume."""
+    """Return the result with its statements about the whole volume, the machine's posterior, its
+    predictions, the remaining effect of the angles, and the effect of each source on the volume.
+    """
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
     seen = _barely_seen(done)
@@ -266,7 +274,7 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
 
 
 def _known_angle(done: Estimate, name: str) -> Function:
-    """Return a given angular function, adjusted within its uncertainty where it has one."""
+    """Return a given angular function, adjusted within its uncertainty if any."""
     volume = done.adjustment.layout.volume
     value, stated = (np.concatenate([[0.0], column]) for column in angle_at_nodes(done.adjustment.angles[name], name, volume))
     u: Vector | None = stated if np.all(np.isfinite(stated)) else None
@@ -339,7 +347,9 @@ _UNIDENTIFIED: tuple[Literal["unidentified.scale", "unidentified.squareness", "u
 
 
 def _missing(done: Estimate) -> list[Finding]:
-    """Return a finding for scales, squarenesses and functions that are not identified, with the cheapest runs that would help."""
+    """Return a finding for unidentified scales, squarenesses and functions, with the cheapest runs
+    that would help.
+    """
     if not done.adjustment.layout.volume.solid:
         return [_standing(done)]
     lacking = [[name for name in names if not done.known[name]] for names in (AXIS_LETTERS, SQUARENESS, DISPLACEMENTS)]

@@ -13,8 +13,9 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
-"""Positions within this share of a cell say what its node says: two values so close to each other, of a program written with one decimal,
-would tell of a slope that is noise alone."""
+"""Positions within this share of a cell have the value of its node: two values so close, of a
+program with a single decimal, would give a slope of noise alone.
+"""
 
 
 def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: str, function: Function, name: str) -> Function:

@@ -1,7 +1,9 @@
-"""What a result says about the 4-DOF head's straightness: its figures by the three reference lines, and whether the diagonals agree.
+"""The 4-DOF head's straightness in a result: its figures by the three reference lines, and whether
+the diagonals agree.
 
-Where they contradict each other neither is known to be right, and their mean would be wrong with certainty. The result then holds what
-the diagonals say, with an uncertainty that reaches to the head's values, and nothing is exported before a person has found the cause.
+In a contradiction neither is known to be right, and their mean would be wrong with certainty. The
+result then holds the values of the diagonals, with an uncertainty that reaches to the head's
+values, and nothing is exported before the cause is found.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,17 +30,21 @@ from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
 LEAST_CHECKED = 2
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
-"""Where the diagonals and other passes check less than two of the head's values, agreement is not reported."""
+"""Least number of the head's values checked by diagonals and other passes for which agreement is
+reported: two.
+"""
 LIKELY = 0.8
-"""With this probability what is between the nodes is no larger than it is taken for, by what a head's values say among themselves. So 6 of
-180 exact surveys were contradictions (12 with 0.5), none where it is no smaller than `BENT` says; of 0.95 wrong signs begin to hide."""
+"""With this probability the waves between the nodes are no larger than assumed, by the differences
+among a head's values. So 6 of 180 exact surveys were contradictions (12 with 0.5), none for waves
+no smaller than `BENT`; of 0.95 wrong signs begin to hide.
+"""
 BENT = 2.0 / 8.0
 """In the middle between two nodes a function leaves the straight line by so much of its second differences at the nodes: by an eighth where
 it is smooth, by twice that where its waves are two increments long."""
 
 
 class Adjusted(Protocol):
-    """What an estimate has that is needed here."""
+    """The part of an estimate needed here."""
 
     @property
     def adjustment(self) -> Adjustment: ...
@@ -52,9 +58,10 @@ Done = TypeVar("Done", bound=Adjusted)
 def agreeing(
     estimated: Callable[[Sequence[MeasuredStraightness]], Done], measured: Sequence[MeasuredStraightness]
 ) -> tuple[Done, dict[str, HeadStraightness]]:
-    """Return the estimate from those of the head's functions that the readings do not contradict, and the report on all of them.
+    """Return the estimate from the head's functions that the readings do not contradict, and the
+    report on all of them.
 
-    The worst is left out first: a function that is wrong makes others look wrong.
+    The worst is left out first: a wrong function makes others look wrong.
     """
     kept, apart = list(measured), dict[str, HeadStraightness]()
     alone = estimated(())
@@ -71,8 +78,8 @@ def agreeing(
 
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
-    """Return how large angular functions and what is between the nodes are beside the usual, by the name of the effect, as the readings
-    alone say; one at least.
+    """Return the sizes of angular functions and of the waves between the nodes relative to the
+    usual, by the name of the effect, by the readings alone; one at least.
 
     The head's values are held against the diagonals with these: eight micrometres by which it is wrong would else be taken for 80 urad, or
     for what a function does between the nodes.
@@ -88,7 +95,9 @@ def sizes_of(alone: Adjusted) -> dict[str, float]:
 def beside_head(
     errors: Mapping[str, Function], report: Mapping[str, HeadStraightness], measured: Sequence[MeasuredStraightness], found: Adjustment
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
-    """Return functions and report; where head and diagonals contradict each other the report has the difference, and U reaches over it."""
+    """Return functions and report; in a contradiction of head and diagonals the report has the
+    difference, and U reaches over it.
+    """
     wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
         mine, function = [one for one in measured if one.name == name], errors[name]
@@ -114,11 +123,14 @@ def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:
 
 
 def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]) -> dict[str, HeadStraightness]:
-    """Return for each function the head measured: passes, straightness by each line, its uncertainty, and how it fits the readings.
+    """Return for each function of the head: passes, straightness by each line, its uncertainty, and
+    its fit to the readings.
 
-    ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is `_misclosure` over what chance allows
-    (its 99.9 % point): above 1 the head and the diagonals contradict each other. Causes are as usual there, angular functions as large as
-    `sizes_of` says, what is between the nodes at least. ``sign_hidden`` where a wrong sign would not be seen (`_sign_hidden`).
+    ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is
+    `_misclosure` over its chance limit (99.9 % point): above 1 the head and the diagonals
+    contradict each other. Causes are usual there, angular functions as large as by `sizes_of`, the
+    waves between the nodes at least usual. ``sign_hidden``: a wrong sign would not be seen
+    (`_sign_hidden`).
     """
     rows = _rows(found, measured)
     checked = _checked(found, sizes, rows)
@@ -130,8 +142,10 @@ def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], siz
 
 @dataclass(frozen=True, eq=False)
 class _Checked:
-    """A fit in which the head's values are held against all others, that of each function's values ``alone``, and by how much each cause
-    (q,) is smaller ``as_usual``: those between the nodes, where the head has values there."""
+    """A fit that compares the head's values with all others, the fit of each function's values
+    ``alone``, and the factor by which each cause (q,) is smaller ``as_usual``: waves between the
+    nodes, at the head's values there.
+    """
 
     fit: MixedFit
     alone: Mapping[str, MixedFit]
@@ -139,10 +153,11 @@ class _Checked:
 
 
 def _checked(found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]) -> _Checked:
-    """Return the fit as usual, with angular functions of the sizes given.
+    """Return the usual fit, with angular functions of the given sizes.
 
-    What is between the nodes has the size that the rows of each of the head's functions show among themselves: the size found with all
-    rows would be large enough for a wrong sign where head and diagonals have few positions in common.
+    The waves between the nodes have the size shown among the rows of each of the head's functions:
+    the size by all rows would be large enough for a wrong sign if head and diagonals have few
+    positions in common.
     """
     between = np.repeat([effect.name == BETWEEN for effect in found.effects], [effect.count for effect in found.effects])
     beside = bool(np.any(found.fit.causes.pattern[len(found.layout) :, between]))
@@ -163,10 +178,10 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square of what rows (``alone``) and all ``others`` say apart from each other, or of what the rows say among themselves
-    where that is worse, over what chance allows; None where too few of them are checked.
+    """Return chi-square of the difference between rows (``alone``) and all ``others``, or of the
+    rows among themselves if worse, over its chance limit; None with too few checked rows.
 
-    Passes that agree with each other would hide in one sum what they have against the others.
+    In a common sum, passes that agree with each other would hide their difference from the others.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max((one for one in (_apart(whole, others, alone), among) if one is not None), default=None)
@@ -187,7 +202,7 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
 
 
 def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:
-    """Tell whether neither sign of the head's values contradicts the others, and only because of what may be between the nodes."""
+    """Return whether neither sign of the head's values contradicts the others, and only because of what may be between the nodes."""
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)
@@ -213,7 +228,7 @@ def _with(whole: MixedFit, found: Adjustment, kept: NDArray[np.bool_]) -> MixedF
 
 
 def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> dict[str, NDArray[np.bool_]]:
-    """Tell for each function which rows of the fit are its: the head's passes follow the readings."""
+    """Return for each function which rows of the fit are its: the head's passes follow the readings."""
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
     return {one.name: np.pad(name == one.name, (before, after)) for one in measured}
@@ -244,7 +259,9 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 
 def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
-    """Return the findings on functions that head and diagonals see differently, and on those of which a wrong sign would not be seen."""
+    """Return the findings on functions that head and diagonals see differently, and on functions
+    whose wrong sign would not be seen.
+    """
     bad = _contradicting(report)
     hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]
     return [*([_misclosed(report, bad)] if bad else []), *([_unchecked(hidden)] if hidden else [])]

@@ -1,7 +1,9 @@
-"""To which temperature the lengths of a result belong, and what they would be at the other one: as measured, and at 20 C (ISO 1).
+"""The temperature of a result's lengths, and the lengths at the other temperature: as measured, and
+at 20 C (ISO 1).
 
-The scales, and with them EXX, EYY and EZZ, hold for one temperature: that of the survey, or 20 C where every reading was brought there
-before. The tables correct those. The others stand beside them and in no table: the two are never mixed.
+The scales, and with them EXX, EYY and EZZ, hold for a single temperature: that of the survey, or 20
+C if every reading was reduced before. The tables correct these scales. The others stand beside them
+and in no table: the two are never mixed.
 """
 
 from collections.abc import Mapping
@@ -24,18 +26,20 @@ from stepdiag.solver.model.warmth import expansions
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago. What
-the user states himself takes its place, smaller or larger."""
+"""Standard uncertainty of 20 C, or of the value in a survey file, without a measurement: as of a
+sensor silent for an hour. The user's own statement takes its place, smaller or larger.
+"""
 REACH_MM = 100.0
 """Distance from mirror to tool for which the effect of the angles is reported."""
 
 
 def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
-    """Return the assumptions with what the readings say of their temperature: whether they stand at 20 C, and how warm the material was.
+    """Return the assumptions with the temperature of the readings: whether they stand at 20 C, and
+    the material's temperature.
 
-    Readings that were brought to 20 C from a temperature that nobody measured carry what is uncertain about that: what the user stated,
-    else `UNMEASURED_C`.
-    Raises ``DataError`` where some readings were brought to 20 C and others not.
+    Readings reduced to 20 C from an unmeasured temperature carry its uncertainty: the user's
+    statement, else `UNMEASURED_C`. Raises ``DataError`` if some readings were reduced to 20 C and
+    others not.
     """
     found = assumed or Assumptions()
     reduced = bool(len(readings) and readings.at_20_c.all())
@@ -53,9 +57,11 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
 
 
 def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
-    """Return the findings about readings (their ``temperature_c``) of which nobody measured how warm the machine was; none else.
+    """Return the findings about readings (their ``temperature_c``) without a measured temperature;
+    none else.
 
-    As a machine's sensor, or a person, says it for each: what only some of them have is no temperature of the survey.
+    A machine's sensor, or the operator, gives a temperature for each reading: a value of some
+    readings alone is no temperature of the survey.
     """
     missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
     if not missing:
@@ -71,7 +77,7 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
 def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> LengthsReport:
     """Return which lengths the tables correct, and the scales as measured and at 20 C with their combined u.
 
-    ``known`` says whether anybody measured the material's temperature: without it the other scale is None.
+    ``known``: the material's temperature was measured; without it the other scale is None.
     """
     here, other = (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
     both: dict[str, dict[Axis, LengthScale]] = {
@@ -101,10 +107,12 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
 
 
 def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions) -> Tool:
-    """Return where the errors hold, and what angles may make of a tool tip that is elsewhere, in um per `REACH_MM` (k = 2).
+    """Return the place of the errors, and the effect of angles on a tool tip elsewhere, in um per
+    `REACH_MM` (k = 2).
 
-    Functions are those of the point where the beam met the mirror: the tool offset of the model is zero. An angular function counts with
-    its largest value and U, one that the readings say nothing of with the range assumed.
+    Functions are those of the point of the beam on the mirror: the tool offset of the model is
+    zero. An angular function counts with its largest value and U, an unseen function with the
+    assumed range.
     """
     reach = []
     for name in ROTATIONS:

@@ -17,8 +17,9 @@ from stepdiag.solver.model.layout import Layout
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """The input of a method: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
-    what the user takes for granted."""
+    """The input of a method: the chain, known angular functions, straightness of a 4-DOF head, and
+    the user's assumptions.
+    """
 
     chain: str
     angles: Angles | None = None
@@ -56,11 +57,13 @@ METHODS: dict[str, Method] = {
     "least-squares": _without_angles("least-squares", solve_least_squares),
     "wang2000": _without_angles("wang2000", solve_wang2000),
 }
-"""``estimate``: everything the readings can say; ``least-squares``: four equations, corrected; ``wang2000``: as printed."""
+"""``estimate``: every quantity that the readings identify; ``least-squares``: four equations,
+corrected; ``wang2000``: as printed.
+"""
 
 
 def method_of(name: str) -> Method:
-    """Return a method. Raises ``UsageError`` for a name nobody knows, with the nearest known one."""
+    """Return a method. Raises ``UsageError`` for an unknown name, with the nearest known name."""
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
         remedy = message("did-you-mean", name=repr(near[0])) if near else ""

@@ -24,7 +24,7 @@ def solve(
     source: str = "readings",
     monte_carlo: int = 0,
 ) -> Result:
-    """Return what the readings of a survey say about the machine.
+    """Return the machine's state by the readings of a survey.
 
     ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular functions known from elsewhere;
     the others are resolved where the beams allow it, else estimated within what is usual. ``straightness`` is what a 4-DOF head

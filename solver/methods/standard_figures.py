@@ -1,7 +1,9 @@
-"""The figures of the standards for what a survey has driven: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes, ISO 230-6 along diagonals.
+"""The figures of the standards for the driven setups: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along
+axes, ISO 230-6 along diagonals.
 
-Both directions are evaluated where the runs share the zero of the laser's count (contract 4, column ``zero``). Passes that each restart at
-zero have lost the reversal value: what needs it (B, R, A, and all of VDI/DGQ 3441) is then left out, with a finding.
+Both directions are evaluated if the runs share the zero of the laser's count (contract 4, column
+``zero``). Passes that each restart at zero have lost the reversal value: its figures (B, R, A, and
+all of VDI/DGQ 3441) are then left out, with a finding.
 """
 
 from collections.abc import Mapping
@@ -31,7 +33,7 @@ from stepdiag.solver.standards.iso230 import (
 from stepdiag.solver.standards.iso230_uncertainty import SOURCE_STATUS, RunSources, expanded_um
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
-"""Stops from one point of the diagonal to the next, for the kinds of setup that run along a body diagonal."""
+"""Stops from a point of the diagonal to the next, for the kinds of setup along a body diagonal."""
 DIAGONAL_STANDARD: dict[Kind, str] = {"body": "ISO 230-6:2002", "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)"}
 DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"}
 
@@ -64,8 +66,9 @@ def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
 def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
     """Return the figures along the four diagonals of a kind (body, step), None where fewer were driven.
 
-    Only points on the diagonal count: there the mirror's lean has no first-order effect, it sums to zero over X + Y + Z (theory 4.2).
-    ISO 230-6 moves all axes together; figures of step diagonals say in their name that they are none of the standard's.
+    Only points on the diagonal count: there the mirror's lean has no first-order effect, it sums to
+    zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; figures of step diagonals
+    are marked in their name as none of the standard's.
     """
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
@@ -104,7 +107,9 @@ def standards_findings(layout: Layout) -> list[Finding]:
 
 
 def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
-    """Return the stops of a setup that lie on its line, every ``cycle``-th, of passes that visited them all; None without such a pass."""
+    """Return the stops of a setup on its line, every ``cycle``-th, of passes with all of them; None
+    without such a pass.
+    """
     rows = np.flatnonzero(layout.setup_index == index)
     rows = rows[layout.stop[rows] % cycle == 0]
     way = way_mm(layout, rows)
@@ -156,9 +161,9 @@ def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standar
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
-    """Return what is uncertain about the runs: lengths to ppm, readings and drift in um.
+    """Return the uncertainty of the runs: lengths to ppm, readings and drift in um.
 
-    The material's temperature is in lengths at 20 C only: a machine as it stands is as long as it is.
+    The material's temperature is in lengths at 20 C only: lengths as measured need no temperature.
     """
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()

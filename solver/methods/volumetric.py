@@ -1,4 +1,6 @@
-"""What a result says about the whole volume: its posterior, the budget by sources, and what is to be expected before and after tables."""
+"""The whole volume in a result: its posterior, the budget by sources, and the expected errors
+before and after tables.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -48,9 +50,11 @@ from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
 HEAD_URAD = 1.0
-"""What a 4-DOF head leaves of an angular function."""
+"""Remaining range of an angular function measured by a 4-DOF head, in urad."""
 _MOST_OF_SHOWN = 1.5
-"""Of a wave that a finer run shows of one function the others may have anything from nothing to so many times as much, each as likely."""
+"""Largest factor of the other functions on a wave that a finer run shows of a function, from zero
+up, each factor as likely.
+"""
 
 
 def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
@@ -64,7 +68,8 @@ def make_posterior(
 ) -> Posterior:
     """Return how the machine may differ from what is reported; what is not identified counts with what is usual.
 
-    ``wider`` are the covariances with that (`with_the_usual`): they say where the machine is to be expected.
+    ``wider`` are the covariances with them (`with_the_usual`), the basis of the machine's expected
+    place.
     """
     machine, seen, unmeasured = _as_known(found, spread, quantities, known)
     offset = _offset(machine, wider, spread, errors, known)
@@ -73,7 +78,9 @@ def make_posterior(
 
 
 def _as_known(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> tuple[Machine, Machine, Vector]:
-    """Return the machine's values, as the readings know them, and the covariance of what they do not see (`separated`)."""
+    """Return the machine's values by the readings, and the covariance of the unseen parts
+    (`separated`).
+    """
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
     rows, u = usual_rows(quantities, known, found.assumed)
@@ -123,17 +130,20 @@ def _value_at(function: Function | None, node: int) -> float:
 
 
 def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, Vector]:
-    """Return equally likely sizes of what each displacement function may do in the middle between two targets beside the straight line.
+    """Return equally likely sizes of the deviation of each displacement function from the straight
+    line in the middle between two targets.
 
-    How its values bend from target to target beyond their noise says it within a factor. Waves that leave no trace at the targets are
-    looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all. Where a
-    finer run shows such waves of one function, the others may have them as well.
+    The bends of its values from target to target beyond their noise give the size within a factor.
+    Waves without a trace at the targets are looked for in the positioning functions (screw, scale):
+    no reading gives their size, or whether they are there at all. If a finer run shows such waves
+    of a function, the others may have them as well.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = normal_points(len(factor)), _MOST_OF_SHOWN * (np.arange(len(factor)) + 0.5) / len(factor)
     for name in DISPLACEMENTS:
         function = errors[name]
-        # of a function that nobody measured values are drawn that differ each by itself: they wave more than any that is smooth
+        # values of an unmeasured function are drawn independently: they wave more than any smooth
+        # function
         arch, within, value = 0.0, 0.0, evenly_spaced(function)
         if len(value) > 2:
             arch, within = arch_um(value, noise_um_of(function))
@@ -164,10 +174,12 @@ def budget(
     texts: Mapping[str, Words],
     volume: Mapping[str, float],
 ) -> Budget:
-    """Return the budget (k = 1): what was assumed, the shares per function or number by source, and their combination.
+    """Return the budget (k = 1): the assumptions, the shares per function or number by source, and
+    their combination.
 
-    Shares are root mean squares over the nodes of a function; those over the ``volume`` come first (`volume_shares_um`). What is not
-    identified has none: its numbers would be those of an arbitrary solution, and other ones on another processor.
+    Shares are root mean squares over the nodes of a function; those over the ``volume`` come first
+    (`volume_shares_um`). An unidentified quantity has no share: its numbers would be those of an
+    arbitrary solution, and different on another processor.
     """
     moved = spread.moved(quantities.combination)
     shares = {READINGS: u_readings, **spread.shares(moved)}
@@ -205,16 +217,18 @@ def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, floa
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty as it is and with all angular functions known to `HEAD_URAD`.
+    """Return the volumetric uncertainty as found and with all angular functions known to
+    `HEAD_URAD`.
 
-    What is not identified counts with what is usual (`with_the_usual`), as in ``now_um``: alone it is that of an arbitrary solution.
+    Unidentified quantities count with their usual size (`with_the_usual`), as in ``now_um``: alone
+    they are those of an arbitrary solution.
     """
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
-    # the readings hold the angles as they are: with small ones they would say that all other causes are larger
+    # the readings hold the angles unchanged: with small angles they would enlarge all other causes
     sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, found.first_cause("angles"), len(wider.group))

@@ -1,4 +1,5 @@
-"""A survey before it is driven: what it will identify, how well, in what time.
+"""A survey before its drive: its identified quantities, their uncertainty, its time.
 
-In: runs. Out: forecasts and the cheapest runs that would add what is missing. Imported by methods and by `stepdiag`.
+In: runs. Out: forecasts and the cheapest runs for the missing quantities. Imported by methods and
+by `stepdiag`.
 """

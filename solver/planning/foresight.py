@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.messages import Words, message
 from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import UnseenSlip
 from stepdiag.base.result.prediction import BELOW, BETWEEN_SHARE, TAIL
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.base.result.waves import CURVED
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.scatter import Scatter
-from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
+from stepdiag.solver.adjustment.slips import KINDS, slips_report
 from stepdiag.solver.linear.families import class_factors, hidden_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
@@ -22,14 +23,27 @@ from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import effects_of
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.priors import make_prior
-from stepdiag.solver.planning.information import Aim, Machinery, Told, Zone, determined, machinery, told, uncertainties
+from stepdiag.solver.planning.information import (
+    Aim,
+    Machinery,
+    SetupInformation,
+    Zone,
+    determined,
+    information_by_setup,
+    machinery,
+    uncertainties,
+)
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""What functions of five half waves that fall with their number leave between the smooth curve through n + 1 targets and the straight lines
-that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
+"""Residue of functions of five half waves that fall with their number between the smooth curve
+through n + 1 targets and the straight lines of tables, over shape / n^2 (root mean square over the
+travel; measured on drawn functions).
+"""
 _OF_FEW = {1: (0.93, 0.0), 2: (0.66, 0.20), 3: (0.49, 0.22), 4: (0.33, 0.19), 5: (0.23, 0.16), 6: (0.09, 0.15)}
-"""Both over shape where the increments are few: there the powers say up to twice as much as drawn functions leave over the volume."""
+"""Both over shape for few increments: there the powers give up to twice the residue of drawn
+functions over the volume.
+"""
 ALIKE = 0.2
 """Standard deviation of the logarithm of what nine drawn functions of one shape leave together between their targets."""
 _NEXT_TO_NONE = 1e-3
@@ -37,10 +51,11 @@ _NEXT_TO_NONE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
-    """What a survey will state, from the information of its setups (`solver.planning.information`); each figure when it is first asked for.
+    """Forecast of a survey's statements, from the information of its setups
+    (`solver.planning.information`); each figure on its first request.
 
-    Every function starts from what is usual, so that a further run can only help.
-    ``increments`` is how fine the survey is: the layout may be a coarser one of the same runs.
+    Every function starts from its usual size, so that a further run can only help. ``increments``
+    is the fineness of the survey: the layout may be a coarser version of the same runs.
     """
 
     layout: Layout
@@ -51,39 +66,39 @@ class Foresight:
     zone: Zone | None = None
 
     @cached_property
-    def told(self) -> Told:
-        """Return what its setups tell."""
-        return told(self.layout, self.chain, self.assumed)
+    def by_setup(self) -> SetupInformation:
+        """Return the information of each setup."""
+        return information_by_setup(self.layout, self.chain, self.assumed)
 
     @cached_property
     def information(self) -> Vector:
-        """Return what all of them tell together."""
-        matrix: Vector = np.sum(self.told.each, axis=0)
+        """Return the information of all setups together."""
+        matrix: Vector = np.sum(self.by_setup.each, axis=0)
         return matrix
 
     @cached_property
     def of(self) -> Machinery:
-        """Return what the unknowns are to the machine."""
-        return machinery(self.told, self.aim, self.zone)
+        """Return how the unknowns act on the machine."""
+        return machinery(self.by_setup, self.aim, self.zone)
 
     @cached_property
     def known(self) -> dict[str, bool]:
-        """Return by name what the survey will identify."""
-        found = determined(self.told, self.information, usual_sizes_of(self.assumed))
+        """Return by name whether the survey will identify a quantity."""
+        found = determined(self.by_setup, self.information, usual_sizes_of(self.assumed))
         return {**dict.fromkeys(DISPLACEMENTS, True), **found}
 
     @cached_property
     def u(self) -> dict[str, float]:
         """Return the standard uncertainties (k = 1) that the adjustment of these stops will state, by name: root mean square over a
         function's nodes, absent where not identified."""
-        found = uncertainties(self.told, self.information, self.of)
+        found = uncertainties(self.by_setup, self.information, self.of)
         return {name: u for name, u in found.items() if self.known[name]}
 
     @cached_property
     def volumetric_um(self) -> float:
         """Return the standard uncertainty of the error vector over the volume; the straight lines of tables are not counted.
 
-        What will not be identified may be larger than usual, all of it by one factor.
+        Unidentified quantities may be larger than usual, all by a common factor.
         """
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(np.linalg.norm([self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um]))
@@ -132,7 +147,7 @@ class Foresight:
     @cached_property
     def _mixed(self) -> tuple[MixedFit, Design]:
         design = build_design(self.layout, self.chain, Model(misses=self.assumed.repeatability_um > 0.0))
-        effects = effects_of(self.layout, self.chain, self.told.shapes, self.assumed)
+        effects = effects_of(self.layout, self.chain, self.by_setup.shapes, self.assumed)
         prior = make_prior(design, {})
         u = np.concatenate([Scatter.assumed(self.layout, self.assumed).u_um(self.layout), self.assumed.repeatability_um * prior.u])
         fixed = fit(design.rows.followed_by(prior.rows), design.blocks, np.zeros(len(u)), 1.0 / u**2)
@@ -141,23 +156,22 @@ class Foresight:
         return MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1])), design
 
     @cached_property
-    def unseen(self) -> Unseen | None:
-        """Return the slip of the laser's count on a diagonal that is seen least, None without a diagonal: only shown surveys need it."""
-        return least_seen(self._mixed[0], self.layout, KINDS["diagonals"])
-
-    @cached_property
-    def unseen_volume_um(self) -> float | None:
-        """Return what the slip that is seen least makes of the volume's errors (rms) where it is of the size that is seen in half of the
-        surveys; infinite where nothing tells it, None without a diagonal."""
-        return None if self.unseen is None else hidden_in_volume_um(self._mixed[0], self.layout, self._mixed[1], self.unseen)
+    def unseen(self) -> UnseenSlip | None:
+        """Return the slip of the laser's count on a diagonal that does most harm unseen (`slips_report`), None without a diagonal: only
+        shown surveys need it."""
+        if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
+            return None
+        found = slips_report(self._mixed[0], self.layout, self._mixed[1])
+        return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return in words what the slip that is seen least may be and make; empty without a diagonal."""
-        if self.unseen is None or self.unseen_volume_um is None:
+        """Return in words what such a slip may be and make; empty without a diagonal."""
+        if self.unseen is None:
             return ""
-        if not np.isfinite(self.unseen.u_um):
+        half_um, volume_um = self.unseen.half_um, self.unseen.volume_um
+        if half_um is None or volume_um is None:
             return message("slip-hidden-any")
-        return message("slip-hidden", half_um=self.unseen.half_um, volume_um=self.unseen_volume_um)
+        return message("slip-hidden", half_um=half_um, volume_um=volume_um)
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:
@@ -185,11 +199,13 @@ def _missed_um(ahead: Foresight, missing: NDArray[np.bool_]) -> float:
 
 
 def _left_um(*, identified_um: float, missed_um: float, angles_um: float, hidden_um: float, bent_um: float, freedom: float) -> Interval:
-    """Return median and 95 % of what will be left, over the likely sizes of angles and hidden waves and over machines.
+    """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
+    waves and over machines.
 
-    Root mean squares over the volume: what the result will report as far as its size is known, all that it will not, what the angles add as
-    usual, waves that no target shows as usual, and what tables leave between targets; and the degrees of freedom of all this.
-    What tables leave between the targets hangs on the shapes that will be found: those of a class of machine are alike within `ALIKE`.
+    Root mean squares over the volume: the identified part, the missed part, the usual effect of
+    angles, the usual waves unseen at targets, and the residue of tables between targets; and the
+    degrees of freedom of all this. The residue of tables between the targets depends on the shapes
+    to be found: the shapes of a class of machine are alike within `ALIKE`.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)

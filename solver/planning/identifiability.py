@@ -1,7 +1,8 @@
-"""What a survey cannot tell, and the cheapest runs that would.
+"""Unidentified quantities of a survey, and the cheapest runs that identify them.
 
-What is identifiable depends on setups and beam lines, not on how fine the steps are (theory 5.1: the same for n = 1 .. 20). The
-advice is therefore worked out for the same setups in a few increments, which costs milliseconds however fine the survey is.
+Identifiability depends on setups and beam lines, not on the fineness of the steps (theory 5.1: the
+same for n = 1 .. 20). The advice is therefore computed for the same setups in a few increments,
+which costs milliseconds for any survey.
 """
 
 from collections.abc import Sequence
@@ -34,9 +35,11 @@ class Advice:
 
 
 def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[str]) -> Advice | None:
-    """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None where none of the usual helps.
+    """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None
+    if no usual run helps.
 
-    One run after the other, each the one that uncovers most per minute, or at least narrows most what stays unknown.
+    Run after run, each the run that uncovers most per minute, or at least narrows most the unknowns
+    left.
     """
     survey = _coarse(layout)
     design = build_design(lay_out(perfect_readings(survey), layout.source, survey.volume), chain, replace(model, lines=0))
@@ -52,7 +55,7 @@ def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[st
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return which angular functions the readings determine in shape without any assumption on their size (theory 5.2).
 
-    Setups with one beam line each cannot: nothing is worked out for them.
+    Setups with a beam line each cannot: nothing is computed for them.
     """
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
@@ -65,7 +68,9 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
 
 class Seen(NamedTuple):
-    """What a survey determines without any assumption on the size of the angles, and how many combinations of all unknowns it hides."""
+    """Quantities that a survey determines without any assumption on the size of the angles, and the
+    number of hidden combinations of all unknowns.
+    """
 
     known: dict[str, bool]
     hidden: int
@@ -154,5 +159,5 @@ class _Candidate:
 
 
 def _usual_runs(model: Model) -> Sequence[Run]:
-    """Return the runs that a service engineer can add, one way."""
+    """Return the runs that a service engineer can add, in a single direction."""
     return [Run(setup=name, return_pass=model.reversal) for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)]

@@ -1,21 +1,27 @@
-"""What each setup of a survey tells of the machine, as a matrix that adds up: a plan is a sum of them.
+"""Information of each setup of a survey on the machine, as a matrix that adds up: a plan is a sum
+of them.
 
-A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` is what all setups share (displacements at
-the nodes, amplitudes of the angular functions, backlash at first stops, the wavelength, the material), ``f`` what a setup has of its own
-and nobody knows (zero of each count, lean of the mirror, drift between a way out and its way back), ``c`` what it has of its own with a
-usual size (drift, wander, scale of the setup, misses of the moves, waves between the nodes), ``e`` noise of variance ``1 / w``. With ``W
-= [N P]`` and the precision D of its unknowns (nothing for f, 1 / size^2 for c) the information of a setup on m is (Schur complement of
-its own unknowns, Searle, Casella, McCulloch 1992, 7.4)
+A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` are
+the unknowns common to all setups (displacements at the nodes, amplitudes of the angular functions,
+backlash at first stops, the wavelength, the material), ``f`` a setup's own unknowns of any size
+(zero of each count, lean of the mirror, drift between a way out and its way back), ``c`` its own
+unknowns of a usual size (drift, wander, scale of the setup, misses of the moves, waves between the
+nodes), ``e`` noise of variance ``1 / w``. With ``W = [N P]`` and the precision D of its unknowns
+(nothing for f, 1 / size^2 for c) the information of a setup on m is (Schur complement of its own
+unknowns, Searle, Casella, McCulloch 1992, 7.4)
 
     J = A' w A - A' w W (W' w W + D)^-1 W' w A
 
-No two setups share any of f, c, e, so that J adds over setups and is worked out once for each. With the precision Q of what is usual for a
-machine of its class the covariance of m is ``C = (J_1 + J_2 + .. + Q)^-1``: one inversion of some 190 unknowns, a millisecond, tells what a
-survey leaves. Q holds every function to nothing within its usual size, so a further setup never makes C larger.
+No two setups share any of f, c, e, so that J adds over setups and is computed once for each. With
+the precision Q of the usual sizes of the machine's class the covariance of m is ``C = (J_1 + J_2 +
+.. + Q)^-1``: an inversion of some 190 unknowns, a millisecond, gives the survey's remaining
+uncertainty. Q holds every function to nothing within its usual size, so a further setup never makes
+C larger.
 
-The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square ``tr(C H) + floor`` with ``H = K F F' K'``. A
-control with nine tables corrects only what depends on one axis: with the projection T of a field on what tables hold, ``H = K F T F'
-K'``, and the floor is what the usual angular functions leave beside it, whatever is driven. A lattice has no floor.
+The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square ``tr(C H) +
+floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
+axis: with the projection T of a field on the space of tables, ``H = K F T F' K'``, and the floor is
+the remaining effect of the usual angular functions for any drive. A lattice has no floor.
 """
 
 from collections.abc import Mapping
@@ -44,12 +50,13 @@ Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
 """The effects that all setups share beside the angles, and how many causes they have where nothing shows them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of what nobody knows: it makes a matrix regular and says nothing; and sizes of
-displacements that say as little: beside the larger rounding is 1e-8."""
+"""Precision of unknowns of any size: it makes a matrix regular without information; and sizes of
+displacements without information: for larger sizes rounding is 1e-8.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
+class SetupInformation:
     """The information of the setups of a layout in its order, shape (setups, q, q), and what its unknowns mean."""
 
     each: Vector
@@ -58,8 +65,8 @@ class Told:
     assumed: Assumptions
 
 
-def told(layout: Layout, chain: str, assumed: Assumptions) -> Told:
-    """Return what each setup of a layout tells. Raises ``UsageError`` for a chain that is none."""
+def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
+    """Return the information of each setup of a layout. Raises ``UsageError`` for a chain that is none."""
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = (*effects_of(layout, chain, shapes, assumed), effect_between(layout, between_of(layout)))
@@ -68,7 +75,7 @@ def told(layout: Layout, chain: str, assumed: Assumptions) -> Told:
     own = np.hstack([effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)])
     rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
     each = [_information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um) for mine in rows]
-    return Told(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
+    return SetupInformation(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
@@ -98,11 +105,13 @@ def _information(design: Design, mine: NDArray[np.int64], common: Vector, own: V
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Machinery:
-    """What the unknowns of `told` are to a machine: its values ``K m``, the error over the volume, and what is usual.
+    """The machine behind the unknowns of a survey: its values ``K m``, the error over the volume,
+    and the usual sizes.
 
-    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) F, projected on what the aim's tables hold; ``floor_um`` what
-    these cannot. ``usual`` (r, q) are combinations that are nothing within ``usual_u`` (r,) by ``usual_names``; ``causes`` (q,) the
-    precision of all that has a size of its own, 0 for displacements; ``turning`` (q,) tells which of these are angles.
+    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) F, projected on what
+    the aim's tables hold; ``floor_um`` what these cannot. ``usual`` (r, q) are combinations of zero
+    within ``usual_u`` (r,) by ``usual_names``; ``causes`` (q,) the precision of the unknowns with a
+    size of their own, 0 for displacements; ``turning`` (q,) marks the angles among them.
     """
 
     machine: Machine
@@ -118,7 +127,8 @@ class Machinery:
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
         """Return Q for other usual sizes and angles larger by a factor, shape (q, q)."""
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
-        # how the machine as a whole is turned no reading tells and no figure counts: it may be anything
+        # no reading shows the rotation of the machine as a whole and no figure counts it: it may
+        # have any size
         of_causes = _ANY_TURN_UM**-2 * (self.causes == 0.0) + self.causes / np.where(self.turning, angles, 1.0) ** 2
         matrix: Vector = scaled.T @ scaled + np.diag(of_causes)
         return matrix
@@ -143,7 +153,7 @@ def inverse(matrix: Vector) -> Vector:
     return symmetric
 
 
-def machinery(found: Told, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
+def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
     """Return what the unknowns are to a machine; ``zone`` is the part of the volume that counts, all of it without one."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
@@ -173,8 +183,9 @@ def machinery(found: Told, aim: Aim = "lattice", zone: Zone | None = None) -> Ma
 def _fields(
     names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str, aim: Aim, zone: Zone | None
 ) -> tuple[Vector, Vector]:
-    """Return what one unit of each value does to the error at the points, rigid motion removed, as far as the aim corrects it, and the
-    rest of it, shapes (k, 3 points)."""
+    """Return the effect of a unit of each value on the error at the points, rigid motion removed,
+    as far as the aim corrects it, and its rest, shapes (k, 3 points).
+    """
     points = anywhere_mm(volume)
     machine = Machine(
         names=names,
@@ -198,10 +209,10 @@ def _fields(
     return tables, free - tables
 
 
-def determined(found: Told, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
+def determined(found: SetupInformation, information: Vector, usual: Mapping[str, float]) -> dict[str, bool]:
     """Return by name whether a survey determines a quantity, and better than it is ``usual``, were the angles known.
 
-    In um, urad, um/m. Where displacements may be anything, what no setup tells is uncertain by as much.
+    In um, urad, um/m. If displacements may have any size, an unseen part is uncertain by this size.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2
@@ -209,7 +220,7 @@ def determined(found: Told, information: Vector, usual: Mapping[str, float]) -> 
     return {name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2) for name in names.groups}
 
 
-def uncertainties(found: Told, information: Vector, of: Machinery) -> dict[str, float]:
+def uncertainties(found: SetupInformation, information: Vector, of: Machinery) -> dict[str, float]:
     """Return by name the root mean square of the standard uncertainty over a function's nodes, from the readings and the usual sizes of
     causes alone."""
     names, displacements = reported(found.design), found.design.columns.machine

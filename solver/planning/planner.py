@@ -1,8 +1,10 @@
-"""What a survey would say, and what it would take, before the machine moves; and the surveys that are worth their time.
+"""The forecast of a survey, and its cost, before the machine moves; and the surveys that are worth
+their time.
 
-A forecast needs no reading: the model of the adjustment follows from where the stops are, and its uncertainty over the volume is the
-figure that the result of that survey would state. What a survey does not identify counts with what a machine of its class usually has
-(`Assumptions`), so that a run which identifies it is worth something, and no run ever makes a forecast worse.
+A forecast needs no reading: the model of the adjustment follows from the places of the stops, and
+its uncertainty over the volume equals the figure in the result of the survey. Unidentified
+quantities count with the usual sizes of the machine's class (`Assumptions`), so that a run that
+identifies them is worth its time, and no run ever makes a forecast worse.
 """
 
 from collections.abc import Sequence
@@ -22,27 +24,31 @@ from stepdiag.solver.planning.identifiability import Seen, identified_with_angle
 from stepdiag.solver.planning.search import Search
 
 WORTH = 0.95
-"""A survey that leaves more than this share of what a shorter one leaves is not worth naming."""
+"""Largest share of a shorter survey's remaining error that makes a longer survey worth its name."""
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
-"""Times for which surveys are sought: each so much longer than the one before."""
+"""Times for which surveys are sought: each longer than the last by this factor."""
 MAX_INCREMENTS = 20
 """Finer surveys are forecast on this many increments: angular functions have no more waves then (`effects.MOST_WAVES`), and the uncertainty
 at a node hardly depends on how many others there are."""
 HALVINGS = 2
-"""Of the time between a survey that reaches the target and a shorter one that does not."""
+"""Halvings of the time between a survey that reaches the target and a shorter survey that does
+not.
+"""
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """What a planned survey would give; each figure is worked out when it is first asked for.
+    """The forecast of a planned survey; each figure is computed on its first request.
 
-    ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
-    urad, um/m). ``angles`` says whether the readings resolve all angular functions or the assumed size stands for them.
-    ``volumetric_um``: root mean square over the volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: what
-    an ideal compensation will leave of it there (rms, k = 2), the figure that result and ``verify`` predict after the survey. ``hidden``:
-    independent combinations of the unknowns that no reading shows when the angular functions are unknowns too.
+    ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None
+    where not identified (units: um, urad, um/m). ``angles`` states whether the readings resolve all
+    angular functions or the assumed size stands for them. ``volumetric_um``: root mean square over
+    the volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: the
+    remaining error after an ideal compensation (rms, k = 2), predicted by result and ``verify``
+    after the survey. ``hidden``: independent combinations of the unknowns without any reading when
+    the angular functions are unknowns too.
     """
 
     plan: Plan
@@ -79,7 +85,7 @@ class Forecast:
 
     @property
     def angles(self) -> Literal["assumed", "solved"]:
-        """Tell where the angular functions come from."""
+        """Name the source of the angular functions."""
         return "solved" if self.resolves_all else "assumed"
 
     @property
@@ -99,17 +105,18 @@ class Forecast:
 
     @property
     def resolves_all(self) -> bool:
-        """Tell whether all 18 functions could be solved from the laser's readings alone."""
+        """Return whether all 18 functions could be solved from the laser's readings alone."""
         return set(self.resolved) == set(FUNCTIONS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """The survey as planned, and the surveys that are worth their time, shortest first (`MOST_NAMED` at most, each `WORTH` its minutes).
+    """The survey as planned, and the surveys worth their time, shortest first (`MOST_NAMED` at
+    most, each `WORTH` its minutes).
 
-    ``best``: the survey for the time or the target uncertainty asked for, None where none was asked or none fits. ``with_head``: the
-    survey that was asked for (as planned where none was), with a run of a 4-DOF head along each axis; None where that brings nothing or
-    there is a head.
+    ``best``: the survey for the requested time or target uncertainty, None without a request or a
+    fit. ``with_head``: the requested survey (without a request the planned survey), with a run of a
+    4-DOF head along each axis; None if the head brings nothing or is already there.
     """
 
     forecast: Forecast
@@ -119,13 +126,17 @@ class Advice:
 
     @property
     def next(self) -> Forecast | None:
-        """Return the first survey of the list that is worth its time beside the one planned; None where none is."""
+        """Return the first survey of the list that is worth its time beside the planned survey;
+        None without such a survey.
+        """
         better = (one for one in self.front if one.left_um.value_um < WORTH * self.forecast.left_um.value_um)
         return next(better, None)
 
 
 def plan(survey: Plan, about: Circumstances | None = None, *, available_min: float | None = None, target_um: float | None = None) -> Advice:
-    """Return the forecast, the surveys that are worth their time, and the best one within ``available_min`` or down to ``target_um``."""
+    """Return the forecast, the surveys worth their time, and the best survey within
+    ``available_min`` or down to ``target_um``.
+    """
     about = about or Circumstances()
     now = forecast(survey, about)
     search = Search(survey, about)

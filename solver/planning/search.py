@@ -1,14 +1,17 @@
-"""The best surveys for any time, by exchange: a line more, a line less, one in place of another (Fedorov 1972, Cook and Nachtsheim 1980).
+"""The best surveys for any time, by exchange: a line more, a line less, a line in place of another
+(Fedorov 1972, Cook and Nachtsheim 1980).
 
-What a line tells adds up (`solver.planning.information`), so that the search is in the choice of lines alone. Where C is the covariance
-of the unknowns without a line of information ``B B'``, it lowers the mean square ``tr(C H)`` over the volume by
+The information of lines adds up (`solver.planning.information`), so that the search is in the
+choice of lines alone. If C is the covariance of the unknowns without a line of information ``B
+B'``, the line lowers the mean square ``tr(C H)`` over the volume by
 
-    tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B where it is taken away)
+    tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
-which is worked out for all lines that are on offer at once. Minutes are those of the user: the first line of a setup costs its setting
-up, a further one of the same travel the shift. How often, in which orders of axes, how finely and how long at each stop all lines are
-driven is chosen for the lines that are found, and the exchange goes on from there. Lines are weighed on few increments (`COARSE`): which
-of them are best does not depend on how fine they are.
+which is computed for all offered lines at once. Minutes are those of the user: the first line of a
+setup costs its setting up, a further line of the same travel the shift. Number of passes, orders of
+axes, fineness and dwell of all lines are chosen for the lines found, and the exchange goes on from
+there. Lines are weighed on few increments (`COARSE`): their ranking does not depend on the
+fineness.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,18 +35,18 @@ COARSE, MIDDLE = 6, 10
 INCREMENTS = range(8, 21)
 """Numbers of increments on offer; fewer leave too much between the targets, more gain nothing."""
 ORDERS = ("xyz", "yzx", "zxy")
-"""Of repeats in turn: alternating costs nothing and tells more of the angles (theory 5.2)."""
+"""Of repeats in turn: alternating costs nothing and shows more of the angles (theory 5.2)."""
 LEAST_MISSED = 6
-"""So many lines, those that are missed least, are tried without in each exchange."""
+"""Number of the least valuable lines tried for removal in each exchange."""
 LEAST_GAIN = 3e-3
 """Of the figure: an exchange that gains less is none."""
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which a line tells next to nothing beside what is usual: 30 um."""
+"""Precision (1 / um^2) below which a line adds next to nothing to the usual sizes: 30 um."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ways:
-    """How all lines of a survey are driven."""
+    """Drive of all lines of a survey."""
 
     repeats: int
     return_pass: bool
@@ -62,7 +65,9 @@ class Ways:
 
 
 def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
-    """Return the ways that are on offer: once, one way and as long at each stop as is planned comes first."""
+    """Return the offered ways: once, in a single direction and with the planned dwell comes
+    first.
+    """
     return [
         Ways(repeats=repeats, return_pass=back, axis_orders=ORDERS[:repeats] if repeats > 1 else (), dwell_s=dwell)
         for dwell in dict.fromkeys((dwell_s, *about.dwells_s))
@@ -71,8 +76,10 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
 
 
 def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
-    """Return every line that may be driven, once and one way: body diagonals and their shifts, face diagonals at the low end, in the middle
-    and at the high end of the axis that stands, runs along all four edges; those of the head where there is one."""
+    """Return every possible line, once and in a single direction: body diagonals and their shifts,
+    face diagonals at the low end, in the middle and at the high end of the standing axis, runs
+    along all four edges; and the head's lines with a head.
+    """
     size = np.array(survey.volume.size_mm)
     lines: list[tuple[str, tuple[float, float, float]]] = []
     for name in BODY_DIAGONALS:
@@ -92,7 +99,7 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
 
 
 def _travels(volume: Volume, run: Run) -> bool:
-    """Tell whether the volume has every axis that a run travels."""
+    """Return whether the volume has every axis that a run travels."""
     return all(has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True))
 
 
@@ -108,7 +115,9 @@ def _triple(values: Vector) -> tuple[float, float, float]:
 
 
 def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
-    """Return the plan that drives lines, those of one travel after the other; lines beside the usual one are numbered."""
+    """Return the plan that drives lines, grouped by travel; lines beside the usual line are
+    numbered.
+    """
     runs: list[Run] = []
     number: dict[str, int] = {}
     for run in sorted(lines, key=lambda run: (DRIVEN_SETUPS.index(setup_of(run.setup).base), run.beam_offset_mm)):
@@ -120,10 +129,10 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 
 class Exchange:
-    """What the lines on offer tell where they are driven in one way, and the search among them.
+    """Information of the lines on offer, driven in one way, and the search among them.
 
-    ``done`` are runs that are driven already, each in its own way; the last of them still stands. Lines are weighed on ``weighed_on``
-    increments.
+    ``done`` are runs already driven, each in its own way; the last run still stands. Lines are
+    weighed on ``weighed_on`` increments.
     """
 
     def __init__(
@@ -139,9 +148,9 @@ class Exchange:
         self._ahead = Foresight(
             layout=layout, chain=about.chain, assumed=about.assumed, increments=weighed_on, aim=about.aim, zone=about.zone
         )
-        each = dict(zip((setup.name for setup in layout.setups), self._ahead.told.each, strict=True))
+        each = dict(zip((setup.name for setup in layout.setups), self._ahead.by_setup.each, strict=True))
         names = iter(run.setup for run in named)
-        nothing = np.zeros_like(self._ahead.told.each[0])
+        nothing = np.zeros_like(self._ahead.by_setup.each[0])
         self._each = np.array([nothing if run.is_fourdof else each[next(names)] for run in lines])
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
         self._head = np.array([run.is_fourdof for run in lines])
@@ -160,7 +169,9 @@ class Exchange:
         return self._driving_min[increments]
 
     def beside_um2(self, increments: int) -> float:
-        """Return the mean square that no line lowers: what tables leave between targets, waves that none shows, the aim's floor."""
+        """Return the mean square that no line lowers: the residue of tables between targets, unseen
+        waves, the aim's floor.
+        """
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
         return hidden**2 + bent_um(self._about.assumed, increments) ** 2 + self._ahead.of.floor_um**2
 
@@ -207,7 +218,9 @@ class Exchange:
         return float(np.trace(added)), float(np.sqrt(variance))
 
     def _changed(self, chosen: Sequence[int], lines: NDArray[np.int64], sign: float) -> Vector:
-        """Return the mean square with each of some further lines (``sign`` +1) or without each of those chosen (-1), shape (lines,)."""
+        """Return the mean square with each of some further lines (``sign`` +1) or without each of
+        the chosen lines (-1), shape (lines,).
+        """
         covariance, factors = self._covariance(chosen), self._factors[lines]
         moved = covariance @ factors
         inner = np.eye(moved.shape[2]) + sign * (np.swapaxes(factors, 1, 2) @ moved)
@@ -220,7 +233,7 @@ class Exchange:
         return found
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the lines that exchanges make of some, within a time; each exchange is the one that gains most."""
+        """Return the lines after exchanges, within a time; each exchange has the largest gain."""
         now, beside = list(chosen), self.beside_um2(increments)
         square = self.square_um2(now)
         while True:
@@ -252,8 +265,10 @@ class Exchange:
 
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
-    """Return how finely the volume may be cut: into steps of whole micrometres, as programs state them, that are in step with no screw
-    where its runs have no targets of their own. Where no number fulfils both, the first; where none does that, what is planned."""
+    """Return the possible numbers of increments: with steps of whole micrometres, as in programs,
+    in step with no screw unless its runs have targets of their own. If no number fulfils both, the
+    numbers of the first; else the plan's.
+    """
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)
@@ -261,8 +276,9 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
 
 
 class Search:
-    """The best surveys of a volume: each time that is asked for starts from the best of the plain lines and from the survey found
-    before."""
+    """The best surveys of a volume: the search for each time starts from the best of the plain
+    lines and from the survey found before.
+    """
 
     def __init__(self, survey: Plan, about: Circumstances) -> None:
         self._survey, self._about = survey, about
@@ -274,7 +290,7 @@ class Search:
         self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
-        """Return what the lines tell where all are driven in one way."""
+        """Return the information of the lines, all driven in one way."""
         if ways not in self._made:
             self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
         return self._made[ways]
@@ -314,7 +330,7 @@ class Search:
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
     """Return the precision that runs of a head give pitch and yaw beside what is usual, by unknown."""
-    shapes, added = ahead.told.shapes, np.zeros(len(ahead.of.causes))
+    shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)
     for name in shapes.names:

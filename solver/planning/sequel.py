@@ -1,9 +1,11 @@
-"""What to drive next in a survey that is under way, and when to stop.
+"""The next setups of a running survey, and its end.
 
-The setups that are driven show how large the angles are and how machine and laser scatter (`solver.adjustment`: restricted maximum
-likelihood); of these sizes, what is driven and what may be driven is weighed as a plan is (`solver.planning.search`). Of the best further
-lines within several times those count that lower most a minute. The survey is at its end where no lines within `HORIZON_MIN` minutes, nor
-those still planned, lower what is left by `LEAST_UM` and by the share that `plan` names (`WORTH`).
+The driven setups show the sizes of the angles and the scatter of machine and laser
+(`solver.adjustment`: restricted maximum likelihood); with these sizes, driven and possible setups
+are weighed like a plan (`solver.planning.search`). Of the best further lines within several times,
+the lines with the largest gain a minute count. The survey is at its end if no lines within
+`HORIZON_MIN` minutes, nor the lines still planned, lower the remaining error by `LEAST_UM` and by
+the share of `plan` (`WORTH`).
 """
 
 from collections.abc import Sequence
@@ -24,7 +26,7 @@ from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.search import INCREMENTS, Exchange, Ways, offered
 
 HORIZON_MIN = 60.0
-"""One more alignment takes half of it."""
+"""A further alignment takes half of this time."""
 TIMES = (0.15, 0.3, 0.6, 1.0)
 """Of the horizon: times within which further lines are sought."""
 SHOWN = 3.0
@@ -35,11 +37,13 @@ LEAST_UM, LEAST_SHARE = 0.1, 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Sequel:
-    """``runs`` are the setups that buy most, the next one first; at the ``end`` of a survey they are not worth their time.
+    """``runs`` are the setups with the largest gain, the next first; at the ``end`` of a survey
+    they are not worth their time.
 
-    ``now_um`` is what compensation would leave after what is driven (rms over the volume), ``then_um`` after these runs, ``minutes`` what
-    they take with setting up; ``at_most_um``: they gain no more than this (k = 2). ``angles_urad`` is the range of the angles by the
-    readings, None where these do not show it yet.
+    ``now_um`` is the remaining error after compensation of the driven part (rms over the volume),
+    ``then_um`` after these runs, ``minutes`` their time with setting up; ``at_most_um``: they gain
+    no more than this (k = 2). ``angles_urad`` is the range of the angles by the readings, None if
+    these do not show it yet.
     """
 
     runs: tuple[Run, ...]
@@ -58,7 +62,7 @@ def sequel(survey: Plan, about: Circumstances, done: Sequence[str], readings: Re
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
     known = [_line(run) for run in driven]
-    # a line beside one that is planned has its turn when that stands
+    # a line beside a planned line has its turn when that setup stands
     further = [line for line in offered(survey, shown) if line.setup not in awaited and line not in known]
     lines, ways = (*map(_line, todo), *further), _ways(survey)
     chosen = _most_a_minute(Exchange(survey, shown, lines, ways, driven), len(todo), survey.volume.increments)
@@ -82,7 +86,9 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
-    """Return the lines that lower most a minute (the first ``planned`` are of the plan); where none are worth it, these or the best."""
+    """Return the lines with the largest gain a minute (the first ``planned`` are of the plan); if
+    none is worth it, these or the best.
+    """
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
     found: list[tuple[float, float, Sequence[int]]] = []
@@ -122,7 +128,9 @@ def _named(survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequ
 
 
 def shown_by(readings: Readings | None, survey: Plan, about: Circumstances) -> tuple[Circumstances, float | None]:
-    """Return the circumstances with the sizes that readings show, and the range of the angles in urad, None where they do not show it."""
+    """Return the circumstances with the sizes by the readings, and the range of the angles in urad,
+    None if not shown.
+    """
     if readings is None:
         return about, None
     try:

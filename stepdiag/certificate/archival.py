@@ -1,8 +1,10 @@
 """The report's print as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf, which ``stepdiag[certificate]`` brings.
 
-Chromium embeds every font, encrypts nothing and writes no script. A print lacks of PDF/A the profile of its colours (sRGB), the metadata
-that name part and level, and the relation of the attachment. No date of the printing stays in it, so that the same report and certificate
-give the same bytes. Source: ISO 19005-3 from public sources, not checked against the text of the standard.
+Chromium embeds every font, encrypts nothing and writes no script. A print lacks three parts of
+PDF/A: the profile of its colours (sRGB), the metadata that name part and level, and the relation of
+the attachment. No date of the printing stays in it, so that the same report and certificate give
+the same bytes. Source: ISO 19005-3 from public sources, not checked against the text of the
+standard.
 """
 
 import io
@@ -16,7 +18,7 @@ _ENDED = re.compile(rb"<dcc:endPerformanceDate>(\d{4})-(\d\d)-(\d\d)<")
 _NODE = re.compile(rb"\(node(\d{8})\)")
 """Names of cells in chromium's tags: numbers that a new print may begin elsewhere."""
 _PROFILE_DATE = slice(24, 36)
-"""Bytes of an ICC profile that state when it was made."""
+"""Bytes of an ICC profile that state its date."""
 
 
 def _library() -> Any:
@@ -28,7 +30,9 @@ def _library() -> Any:
 
 
 def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
-    """Return a print as PDF/A-3 with a certificate attached under its name. Raises DataError for a print that lacks one of its fonts."""
+    """Return a print as PDF/A-3 with a certificate attached under its name. Raises DataError for a
+    print that lacks a font.
+    """
     pikepdf = _library()
     numbers = {number: b"(node%08d)" % rank for rank, number in enumerate(sorted(set(_NODE.findall(printed))))}
     with pikepdf.open(io.BytesIO(_NODE.sub(lambda found: numbers[found[1]], printed))) as document:
@@ -67,7 +71,9 @@ def _intent(document: Any) -> Any:
 
 
 def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:
-    """Return name and bytes of the one certificate in a PDF, and the program that printed it. Raises DataError for another file."""
+    """Return name and bytes of the only certificate in a PDF, and the program that printed the PDF.
+    Raises DataError for another file.
+    """
     pikepdf = _library()
     try:
         with pikepdf.open(io.BytesIO(archived)) as document:

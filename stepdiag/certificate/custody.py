@@ -60,9 +60,10 @@ class BrokenLinkError(Exception):
 
 
 class Verified(NamedTuple):
-    """What became of a certificate: how many links and figures hold, and the first link that does not, None where all do.
+    """The outcome for a certificate: number of valid links and figures, and the first broken link,
+    None if all hold.
 
-    ``signed`` is whether it has a signature, which is not checked here.
+    ``signed``: it has a signature, which is not checked here.
     """
 
     links: int
@@ -72,9 +73,11 @@ class Verified(NamedTuple):
 
 
 def links_of(result: Path, stated: Path | None, *, left: Path | None = None, files: Sequence[tuple[str, Path]] = ()) -> list[Link]:
-    """Return every thing that a certificate rests on: result, what the result was solved from, the laboratory's file, and ``files``.
+    """Return the sources of a certificate: result, the sources of the result, the laboratory's
+    file, and ``files``.
 
-    Raises DataError for an export of another result or with a changed file, and for a report that is not the one that all these give.
+    Raises DataError for an export of another result or with a changed file, and for a report that
+    does not follow from all these.
     """
     found = [(RESULT, result.name, sha256_of(result)), *_sources(_read(result)), *_persons(result.parent, "")]
     if left is not None:
@@ -95,7 +98,7 @@ def links_of(result: Path, stated: Path | None, *, left: Path | None = None, fil
 
 
 def _follows(report: Path, held: Mapping[Link, Path]) -> bool:
-    """Return whether a report is the one that the things that its certificate names give."""
+    """Return whether a report follows from the sources named in its certificate."""
     once = {role: path for (role, _, _), path in held.items() if role in ONCE}
     readings = next((path for (role, _, _), path in held.items() if role == READINGS), None)
     return follows(report, once, [path for (role, _, _), path in held.items() if role == FILE], readings)
@@ -255,8 +258,10 @@ def _walk(root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Li
 
 
 def _require_files(links: Sequence[Link], held: Mapping[Link, Path]) -> None:
-    """Raise BrokenLinkError for a file of an export of another result, one that was changed after the export wrote its list of hashes,
-    and a report that what the certificate names does not give."""
+    """Raise BrokenLinkError for a file of an export of another result, a file changed after the
+    export wrote its list of hashes, and a report that does not follow from the sources in the
+    certificate.
+    """
     results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
     files = {(name, sha) for role, name, sha in links if role == FILE}
     for link in links:
@@ -283,7 +288,9 @@ def _canonical(data: bytes) -> str:
 
 
 def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
-    """Return the result as it is solved again from its sources. Raises BrokenLinkError where they are others, or say something else."""
+    """Return the result as it is solved again from its sources. Raises BrokenLinkError for other
+    files or other contents.
+    """
     data = read_bytes(path)
     result = parse_result(as_text(data, path.name), path.name)  # its hash is compared with the certificate's
     sources = [Source(role=role.removesuffix(suffix), name=name, sha256=sha) for role, name, sha in _named(links, suffix)]

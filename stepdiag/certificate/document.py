@@ -1,4 +1,5 @@
-"""From a result to its certificate: PTB's DCC 3.3.0. What is null in the result is not in it; what a person did not state is "not stated".
+"""From a result to its certificate: PTB's DCC 3.3.0. Null values of the result are not in it; a
+value that is not stated is "not stated".
 
 The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO 230-1, defined in the document.
 """
@@ -21,7 +22,7 @@ from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, P
 from stepdiag.texts import LANGUAGES, catalogue
 
 Link = tuple[str, str, str]
-"""What a thing is for, its name and its SHA-256."""
+"""Role of a source, its name and its SHA-256."""
 CONDITIONS = {
     "air_temperature_c": ("basic_temperature", "c"), "material_temperature_c": ("machineTool_materialTemperature", "c"),
     "air_pressure_hpa": ("basic_pressure", "hpa"), "relative_humidity_percent": ("basic_humidityRelative", "percent"),
@@ -42,10 +43,10 @@ def certificate_of(
 ) -> ET.Element:
     """Return the certificate of a result.
 
-    ``custody`` names every thing that it rests on by its SHA-256, ``left`` is the result of the survey after loading, ``accepted`` are the
-    findings that a person accepted, with name and reason.
-    Raises DataError where neither result nor file states when the machine was measured (the schema asks for it), and where ``left`` is of
-    another machine, another volume or an earlier day.
+    ``custody`` names every source by its SHA-256, ``left`` is the result of the survey after
+    loading, ``accepted`` are the accepted findings, with name and reason. Raises DataError if
+    neither result nor file states the time of the measurement (required by the schema), and if
+    ``left`` is of another machine, another volume or an earlier day.
     """
     if left is not None:
         _require_later(result, left)

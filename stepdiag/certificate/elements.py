@@ -17,7 +17,7 @@ ET.register_namespace("si", SI)
 
 
 def element(name: str, *children: ET.Element | None, text: str | None = None, **attributes: str) -> ET.Element:
-    """Return an element of the DCC with those children that are there."""
+    """Return an element of the DCC with its existing children."""
     return _with(ET.Element(f"{{{DCC}}}{name}", attributes), children, text)
 
 
@@ -39,7 +39,9 @@ def words(name: str, text: Words) -> ET.Element:
 
 
 def real(figure: Figure) -> ET.Element:
-    """Return a quantity with one value, or with a list of them and the positions before it."""
+    """Return a quantity with a single value, or with a list of values and the positions before
+    it.
+    """
     named = [words("name", figure.name)]
     if len(figure.values) == 1 and not figure.at:
         inside = [_si("value", text=figure.values[0]), _si("unit", text=figure.unit)]

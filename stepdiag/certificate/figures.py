@@ -1,4 +1,6 @@
-"""The figures of a result in SI, each with its name, U and unit: the one table from which the certificate is written."""
+"""The figures of a result in SI, each with its name, U and unit: the only table behind the
+certificate.
+"""
 
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
@@ -36,7 +38,9 @@ class Figure(NamedTuple):
 def written(value: float, power: int) -> str:
     """Return a number times a power of ten, exact, as the schema has it."""
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
-    return "0" if not scaled else format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+    if not scaled:
+        return "0"
+    return format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
 
 
 def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | None = None, at: Sequence[float] = ()) -> Figure:
@@ -48,9 +52,11 @@ def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | 
 
 
 def figures_of(result: Result) -> Iterator[Figure]:
-    """Yield every figure of a result that is identified: functions, reversals, squareness, scales, figures of standards, volume.
+    """Yield every identified figure of a result: functions, reversals, squareness, scales, figures
+    of standards, volume.
 
-    What enters the volumetric figure has its covariance: every displacement along its travel, and the squarenesses together.
+    The parts of the volumetric figure have a covariance: every displacement along its travel, and
+    the squarenesses together.
     """
     together = [name for name, number in result.squareness.items() if number.value is not None and number.u is not None]
     if (covariance := _covariance(result, together)) and len(together) > 1:
@@ -113,7 +119,7 @@ def _standards(result: Result) -> Iterator[Figure]:
 
 
 def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
-    """Yield the volumetric figures: skewed, so that each has the ends of its interval beside it and no U."""
+    """Yield the volumetric figures: skewed, with the ends of their intervals in place of U."""
     both: tuple[tuple[str, Interval], ...] = (("volumetric rms", figures.rms_um), ("volumetric largest", figures.largest_um))
     for name, interval in both:
         for end, value in (("", interval.value_um), (" low", interval.low_um), (" high", interval.high_um)):

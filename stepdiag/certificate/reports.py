@@ -13,7 +13,7 @@ _LANGUAGE = re.compile(r'\A<!doctype html>\s*<html lang="(\w+)">')
 
 
 ROLES = {"profile": "profile", "left": "result_as_left", "letterhead": "letterhead", "laboratory": "laboratory"}
-"""What a report is made of, and its role in the certificate."""
+"""Sources of a report, and their roles in the certificate."""
 
 
 def is_rendered(name: str) -> bool:
@@ -22,7 +22,8 @@ def is_rendered(name: str) -> bool:
 
 
 def follows(report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None) -> bool:
-    """Return whether a report is the one that its sources give, with or without the exports, with or without the readings.
+    """Return whether a report follows from its sources, with or without the exports, with or
+    without the readings.
 
     ``of`` are result, laboratory's file, letterhead, profile and result as left by their roles.
     """

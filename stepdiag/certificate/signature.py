@@ -54,7 +54,9 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
 
 
 def _require_plain(signature: Any, certificate: bytes) -> None:
-    """Raise ValueError where what no signature covers is other than it was written: the certificate in it, and the form of its numbers."""
+    """Raise ValueError for a change in the parts outside every signature: the certificate in it,
+    and the form of its numbers.
+    """
     texts = {name: "".join(signature.findtext(f".//{{*}}{name}", "").split()) for name in ("SignatureValue", "X509Certificate")}
     for name, text in texts.items():
         found = b64decode(text, validate=True)

@@ -17,8 +17,10 @@ from stepdiag.report.output import printed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """What a certificate names beside its result: files of exports, the laboratory's file, the report with its settings, the result as
-    left; and the key with its X.509 certificate that sign it."""
+    """Further sources of a certificate beside its result: files of exports, the laboratory's file,
+    the report with its settings, the result as left; and the key of the signature with its X.509
+    certificate.
+    """
 
     laboratory: Path | None = None
     files: Sequence[Path] = ()
@@ -31,10 +33,11 @@ class Beside:
 
 
 def write_certificate(result: Path, out: Path, beside: Beside, pdf: Path | None = None) -> int:
-    """Write the certificate of a result's file, with ``pdf`` the report's print with the certificate in it; return how many things it
-    rests on.
+    """Write the certificate of a result's file, with ``pdf`` the report's print with the
+    certificate in it; return the number of its sources.
 
-    Raises UsageError where a file is in its place, DataError for files that do not belong to the result.
+    Raises UsageError for an existing file in its place, DataError for files that do not belong to
+    the result.
     """
     named = ((REPORT, beside.report), (LETTERHEAD, beside.letterhead), (PROFILE, beside.profile))
     given = [*(("file", path) for path in beside.files), *((role, path) for role, path in named if path is not None)]

@@ -1,7 +1,8 @@
-"""``stepdiag plan``: what a survey will be able to say and how long it takes, before the machine moves; and what is worth adding."""
+"""``stepdiag plan``: the forecast of a survey and its time, before the machine moves; and
+worthwhile additions.
+"""
 
 import json
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,7 +36,7 @@ def plan(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
-    """Predict what a survey will tell, and in what time."""
+    """Predict the results of a survey, and its time."""
     from stepdiag.completion.ahead import known_before
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.recording.rounds import noted_stops, round_folders
@@ -64,7 +65,9 @@ def plan(
 
 
 def _print_foreseen(survey: "Survey") -> None:
-    """Print what the survey cannot tell apart without signals of the machine, and the axes whose targets hide the pitch of the screw."""
+    """Print the errors that the survey cannot separate without signals of the machine, and the axes
+    whose targets hide the pitch of the screw.
+    """
     from stepdiag.completion.foreseen import hidden_waves
     from stepdiag.daq.capture.remarks.unchecked import unchecked
     from stepdiag.terminal.tables import finding_lines
@@ -91,7 +94,9 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
-    """Return a plan as a survey file holds it: repeats and return passes are one setting for all of its runs."""
+    """Return a plan in the form of a survey file: repeats and return passes are a common setting
+    for all of its runs.
+    """
     import msgspec
 
     from stepdiag.base.setups import setup_of
@@ -143,7 +148,7 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _named_json(forecast: "Forecast") -> dict[str, Any]:
-    """Return a survey as the list names it: its runs, its minutes and what it leaves."""
+    """Return a survey by its name in the list: its runs, its minutes and its remaining error."""
     from stepdiag.base.result.typed import written
 
     return {
@@ -162,11 +167,10 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
 
     Nothing of a plan without diagonals: there it is not worked out.
     """
-    unseen, volume_um = ahead.unseen, ahead.unseen_volume_um
-    if unseen is None or volume_um is None:
+    unseen = ahead.unseen
+    if unseen is None:
         return {}
-    sizes = {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": volume_um}
-    return {name: size if isfinite(size) else None for name, size in sizes.items()}
+    return {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": unseen.volume_um}
 
 
 def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:

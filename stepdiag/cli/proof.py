@@ -1,4 +1,4 @@
-"""``stepdiag proof``: ten minutes after loading, one diagonal and one line, judged table by table."""
+"""``stepdiag proof``: ten minutes after loading, a diagonal and a line, judged table by table."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MINUTES = 10.0
 EXIT_CODES = {"keep": 0, "restore": 5, "undecided": 3}
-"""Contract 5: a file that is judged wrong, and data that do not support what was asked."""
+"""Contract 5: a file judged wrong, and data that do not support the request."""
 
 
 def register(app: typer.Typer) -> None:
@@ -175,7 +175,7 @@ def _day(result: Path) -> "date":
 
 
 def _restore_files(file: Path, survey: "Survey") -> list[Path]:
-    """Return the files that bring the control back, beside those that were loaded."""
+    """Return the files that restore the control, beside the loaded files."""
     from stepdiag.exporters.files.naming import is_restore
 
     folder = (file.parent / survey.machine.active[0]).parent

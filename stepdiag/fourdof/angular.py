@@ -17,7 +17,7 @@ Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
-    """Return what a pass says of the rotations that the survey file names for its axis (``head.angles.x``).
+    """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
     An instrument on the workpiece side turns the other way round. Raises DataError for stops with another number of angles than are named.
     """

@@ -10,7 +10,9 @@ from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file; the travel it asks for is then the distance. An absent field is ideal."""
+    """Return the head of a calibration file; its required travel is then the distance. An absent
+    field is ideal.
+    """
     lever = file.lever or LeverTable()
     return Head(
         qd=_detector(file.qd),

@@ -34,7 +34,9 @@ LEAST_WITHIN = 0.003
 MOST_APART = 0.02
 """Jogs that change the share of a sum by more cut the spot."""
 STUCK = 0.25
-"""A sum that reads its highest value so often, at one end alone too, has come to the end of its electronics: light has noise."""
+"""Share of readings at the highest value, at a single end too, beyond which a sum has reached the
+end of its electronics: light has noise.
+"""
 NOMINAL = {"qd": AxisTable(kind="erf"), "psd1": AxisTable(low=-0.95, high=0.95), "psd2": AxisTable(low=-0.95, high=0.95)}
 """Curves before any calibration: a Gaussian spot on the QD, linear PSDs, all of gain 1000."""
 REACH = 1.5
@@ -52,7 +54,7 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadCommissioned:
-    """The calibration file, the values behind it, and how many stands and samples without light it came from."""
+    """The calibration file, its values, and the numbers of its stands and samples without light."""
 
     file: HeadFile
     found: Commissioned
@@ -119,9 +121,10 @@ def _centre_mm(standings: Sequence[Standing]) -> Vector:
 
 
 def _rows(lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str) -> tuple[Stands, Vector]:
-    """Return the rows of lit stands, one each, many of a long one, which is an end of its own; and the means of their channels (N, 9).
+    """Return the rows of lit stands, a row each, many for a long stand, which is an end of its own;
+    and the means of their channels (N, 9).
 
-    What the curves make of the channels, and the noise, are still missing.
+    The values by the curves, and the noise, are still missing.
     """
     along = AXES.index(axis)
     place = np.array([one.position_mm[along] for one in lit])
@@ -159,9 +162,11 @@ def _seen(channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: 
 
 
 def _noise(stands: Sequence[Vector]) -> Vector:
-    """Return the noise of one sample by the fourth differences of what long stands saw, shape (6,): no hand wobbles that fast.
+    """Return the noise of a sample by the fourth differences of long stands, shape (6,): no hand
+    wobbles so fast.
 
-    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError where no stand is long: nothing was wobbled.
+    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError without a long stand:
+    nothing was wobbled.
     """
     fourth = [np.diff(one, n=4, axis=0) for one in stands]
     if not fourth:
@@ -250,7 +255,9 @@ def _written(
 
 
 def _scaled(file: HeadFile, name: str, curves: dict[str, AxisTable], found: Commissioned, index: int, most: float) -> AxisTable:
-    """Return the curve times its gain. Raises DataError for one that a command had calibrated and that is off by more than 5 per cent."""
+    """Return the curve times its gain. Raises DataError for a calibrated curve that is off by more
+    than 5 per cent.
+    """
     table, gain = curves[name], float(found.value[index])
     known = file.curve(name) is not None
     off = abs(abs(gain) - 1.0)
@@ -269,7 +276,7 @@ def _scaled(file: HeadFile, name: str, curves: dict[str, AxisTable], found: Comm
 
 
 def _uncertainty(found: Commissioned) -> UncertaintyTable:
-    """Return u and correlations of the fields; that of a gain is a share of it."""
+    """Return u and correlations of the fields; the u of a gain is a share of the gain."""
     share = np.ones(len(FIELDS))
     gains = [first + index for first in (QD, PSD1, PSD2) for index in range(2)]
     share[gains] = 1.0 / np.abs(found.value[gains])

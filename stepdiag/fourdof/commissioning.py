@@ -24,7 +24,9 @@ from stepdiag.solver.fourdof.statistics import Arm, Comparison, Stability, abbe_
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
 QD_TO_TARGET = 2.0
-"""A cube that moves by one shifts the spot by two; a mirror that turns by one turns the beam by two (Feng 2.2, 2.3)."""
+"""A shift of the cube moves the spot by twice the shift; a turn of the mirror turns the beam by
+twice the turn (Feng 2.2, 2.3).
+"""
 Unit = Literal["um", "arcsec"]
 
 
@@ -156,7 +158,9 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
 
 
 def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
-    """Return by axis (X, Y, Z) where the two heads stood from each other, as far as the measured rotations show it (Feng 2008, 3.3)."""
+    """Return by axis (X, Y, Z) the arm between the two heads, as far as the measured rotations show
+    it (Feng 2008, 3.3).
+    """
     arms = {}
     for axis in "XYZ":
         straight = {name: one for name, one in found.items() if name in DISPLACEMENTS and name[2] == axis}

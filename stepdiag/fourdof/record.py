@@ -37,7 +37,9 @@ class HeadRecord:
     unusable: int = 0
 
     def averaged(self, interval_s: float) -> "HeadRecord":
-        """Return the means over equal intervals; the last one only if it is full. Raises DataError where one holds no sample."""
+        """Return the means over equal intervals; the last only if full. Raises DataError for an
+        interval without samples.
+        """
         intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
         # more intervals than samples: some are empty, and a clock that is wrong could ask for any number of them
         place = np.floor(np.minimum(intervals, len(intervals))).astype(np.int64)
@@ -119,7 +121,8 @@ def head_of_log(path: Path) -> HeadRecord:
 
 
 def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None) -> HeadRecord:
-    """Return what the head of a survey file says in so many seconds; ``on_batch`` is given every batch meanwhile.
+    """Return the samples of a survey file's head over so many seconds; ``on_batch`` is given every
+    batch meanwhile.
 
     Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where the port cannot be opened or is lost.
     """
@@ -163,7 +166,9 @@ def require_angles(record: HeadRecord, source: str) -> None:
 
 
 def require_channels(channels: Vector | None, source: str) -> Vector:
-    """Return the nine channels of a head, shape (N, 9). Raises DataError for one that has a QD only."""
+    """Return the nine channels of a head, shape (N, 9). Raises DataError for a head with a QD
+    only.
+    """
     count = 0 if channels is None else int(channels.shape[1])
     if channels is None or count != CHANNELS:
         raise DataError(source, expected=message("nine-channels-qd-psd1"), found=message("qd-alone", shape=str(count)))

@@ -44,9 +44,11 @@ LEAST_STOPS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadMeasured:
-    """What the head's passes say: one entry a pass and lateral direction, and the angular functions over all passes of an axis.
+    """The results of the head's passes: an entry per pass and lateral direction, and the angular
+    functions over all passes of an axis.
 
-    ``shared_um`` belongs to the entries of ``straightness``: the part of their uncertainty that all passes share, the calibration's.
+    ``shared_um`` belongs to the entries of ``straightness``: the part of their uncertainty common
+    to all passes, the calibration's.
     """
 
     straightness: tuple[MeasuredStraightness, ...] = ()
@@ -64,7 +66,7 @@ class _PassSeen:
 
 
 def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, bytes], level: Angles) -> HeadMeasured:
-    """Return what the whole passes of the 4-DOF head say.
+    """Return the results of the whole passes of the 4-DOF head.
 
     ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known from elsewhere: a roll moves a cube that
     sits off the axis. Raises DataError for a calibration of another head, and where the laser is to give the distance and gives none.
@@ -205,7 +207,9 @@ def _distance_mm(section: HeadSection, run: HeadRun, stops: Sequence[CapturedSto
 
 
 def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vector:
-    """Return the target's roll from the detectors' x towards their y, as far as a level knows it."""
+    """Return the target's roll from the detectors' x towards their y, as far as measured by a
+    level.
+    """
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
@@ -226,7 +230,7 @@ class _Noise:
 def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, shift_um: float) -> _Noise:
     """Return drift, scatter of the stop's mean and the beam's parallel shift together: what another pass draws anew."""
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
-    # the drift's own uncertainty holds the scatter of the detector that saw it
+    # the drift's own uncertainty holds the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
     return _Noise(
         straightness_um=np.sqrt(drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2),
@@ -260,13 +264,14 @@ def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: 
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return what the QD's gain may leave its straight growth between the two ends by, in um of straightness, shape (N, 2).
+    """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um of straightness, shape (N, 2).
 
-    A beam that is parallel at the source grows with the square of its path: by so much of itself it leaves the chord in the middle.
+    A beam with its waist in the middle of its path grows with the square of the way from there: by so much of itself it leaves the chord.
+    Where the waist is, is not known: anything up to that is as probable (GUM 4.3.7).
     """
     radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
     rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
-    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0
+    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0 / np.sqrt(3.0)
     bent_um: Vector = 4.0 * share * (1.0 - share) * most * np.abs(found.raw_straightness_um)
     return bent_um
 
@@ -300,10 +305,11 @@ def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> Know
 
 
 def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
-    """Return positions that all passes have, the mean there from the first on, and its uncertainty.
+    """Return the common positions of all passes, the mean there from the first on, and its
+    uncertainty.
 
-    What the passes draw anew counts less the more there are, but no less than their differences show, and reversal is in those; what they
-    share counts as it is.
+    The part drawn anew in each pass falls with their number, but not below their differences, which
+    include reversal; the common part counts in full.
     """
     common = passes[0][0]
     for position, *_ in passes[1:]:
@@ -329,9 +335,11 @@ def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tu
 
 
 def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
-    """Return every straightness function as the mean of its passes without their end-point lines, at the positions that all of them have.
+    """Return every straightness function as the mean of its passes without their end-point lines,
+    at the positions common to all.
 
-    Its uncertainty is that of the mean (`_mean`), and what the two ends of the line make of every value between them is in it.
+    Its uncertainty is that of the mean (`_mean`), and includes the effect of the line's two ends on
+    every value between them.
     """
     names = dict.fromkeys(one.name for one in measured.straightness)
     both = list(zip(measured.straightness, measured.shared_um, strict=True))
@@ -339,7 +347,9 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
 
 
 def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
-    """Return a finding for each function of which two passes in one direction differ by more than chance, the pair farthest apart."""
+    """Return a finding for each function with two passes in one direction that differ by more than
+    chance, the pair farthest apart.
+    """
     worst: dict[str, tuple[float, Finding]] = {}
     for (before, one), (after, other) in combinations(zip(driven, seen, strict=True), 2):
         for mine, theirs in product(_own_lines(one), _own_lines(other)):
@@ -361,18 +371,16 @@ def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
 
 def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
     """Return the functions of a pass free of their end-point lines, and what a pass draws anew of their uncertainty."""
-    return [
-        (one, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))))
-        for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
-    ]
+    return [(one, *_own_line(one, shared)) for one, shared in zip(seen.straightness, seen.shared_um, strict=True)]
+
+
+def _own_line(one: MeasuredStraightness, shared_um: Vector) -> tuple[Vector, Vector]:
+    own_um = np.sqrt(np.maximum(one.u_um**2 - shared_um**2, 0.0))
+    return residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own_um)
 
 
 def _mean_straightness(passes: Sequence[tuple[MeasuredStraightness, Vector]]) -> MeasuredStraightness:
-    lines = []
-    for one, shared in passes:
-        own = np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))
-        lines.append((one.position_mm, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own), shared))
-    position, value, u = _mean(lines)
+    position, value, u = _mean([(one.position_mm, *_own_line(one, shared), shared) for one, shared in passes])
     ways = {one.approach for one, _ in passes}
     return MeasuredStraightness(
         name=passes[0][0].name,
@@ -384,7 +392,9 @@ def _mean_straightness(passes: Sequence[tuple[MeasuredStraightness, Vector]]) ->
 
 
 def with_ends(position_mm: Vector, u_um: Vector) -> Vector:
-    """Return the uncertainty of values free of the line through the first and the last, shape (N,); that of the two ends stays as it is."""
+    """Return the uncertainty of values free of the line through the first and the last, shape (N,);
+    the two ends stay unchanged.
+    """
     share = (position_mm - position_mm[0]) / ((position_mm[-1] - position_mm[0]) or 1.0)
     between = np.sqrt(u_um**2 + ((1.0 - share) * u_um[0]) ** 2 + (share * u_um[-1]) ** 2)
     ends = (share == 0.0) | (share == 1.0)

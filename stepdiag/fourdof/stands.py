@@ -1,4 +1,4 @@
-"""Where the machine stood in the logs of a commissioning run, and what the head sent there."""
+"""The stands of the machine in the logs of a commissioning run, and the head's samples there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,9 @@ from stepdiag.fourdof.commission import Standing
 from stepdiag.fourdof.record import require_channels
 
 SETTLE_S, SHORTEST_S = 0.3, 1.0
-"""What is left out after an arrival, and the shortest stand after that which is taken for one: the program stands for two seconds."""
+"""Time left out after an arrival, and the shortest stand after it, in s: the program stands for two
+seconds.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,11 +70,11 @@ def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
     for event in log.events():
         if not isinstance(event, ModbusBlock):
             continue
-        said = signals.decode(event)
-        if said.commanded_mm is None:
+        signals_now = signals.decode(event)
+        if signals_now.commanded_mm is None:
             expected = message("commanded-positions")
             raise DataError(log.path.name, expected=expected, found=message("none"), remedy=message("map-x-y-z"))
-        here = None if said.stopped else said.commanded_mm
+        here = None if signals_now.stopped else signals_now.commanded_mm
         if begun is not None and here != begun[0]:
             yield from _long_enough(begun, last_ns)
             begun = None

@@ -57,7 +57,9 @@ class Table:
 
 
 def columns_named(options: Sequence[str]) -> dict[str, Column]:
-    """Return the columns by function. Raises ``UsageError`` for a name that is none, a unit that is none of its kind, or no position."""
+    """Return the columns by function. Raises ``UsageError`` for an invalid name, a unit of another
+    kind, or a missing position.
+    """
     columns: dict[str, Column] = {}
     for option in options:
         part = _NAMED.fullmatch(option)
@@ -98,7 +100,9 @@ def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str)
 
 
 def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
-    """Return the rows of all passes (a turn at a single stop is in two), the pass of each row, and where a row ends the one before."""
+    """Return the rows of all passes (a turn at a single stop is in two), the pass of each row, and
+    the rows that end the pass before.
+    """
     step, travel = np.diff(position_mm), float(np.ptp(position_mm)) if len(position_mm) else 0.0
     if travel == 0.0:
         raise DataError(source, expected=message("table-travel"), found=message("none"))
@@ -122,7 +126,9 @@ def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
 
 
 def readings_of(tables: Sequence[Table], columns: Mapping[str, Column], at_mm: Sequence[Vector]) -> Readings | None:
-    """Return the linear runs of the tables that hold positioning, each along a line through ``at_mm``; None where none does."""
+    """Return the linear runs of the tables with positioning, each along a line through ``at_mm``;
+    None without such a table.
+    """
     parts = [(table, place) for table, place in zip(tables, at_mm, strict=True) if _positioning(table) in table.values]
     if not parts:
         return None
@@ -181,7 +187,9 @@ def straightness_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> t
 
 
 def _means(table: Table, name: str, rows: Flags, u: float) -> tuple[Vector, Vector, Vector]:
-    """Return targets, the mean of the passes at each and its standard uncertainty; each pass counts from its own mean."""
+    """Return targets, the mean of the passes at each and its standard uncertainty; each pass counts
+    from its own mean.
+    """
     number, values = table.number[rows], table.values[name][rows]
     at, place = np.unique(table.position_mm[rows], return_inverse=True)
     free = values - np.array([np.mean(values[number == one]) for one in number])

@@ -82,7 +82,7 @@ class Page:
         self.access = Access(settings.token, daemon.say_guesses)
         self.broadcaster = Broadcaster(lambda on: daemon.watch(on=on))
         self.still_open: Sequence[str] = ()
-        """What the kernel could not shut for this process (`stepdiag.walls.confine`)."""
+        """Parts left open by the kernel for this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
         """Answer the page itself."""

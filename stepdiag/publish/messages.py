@@ -25,7 +25,7 @@ SCHEMA = "schema"
 
 
 class _About(msgspec.Struct, frozen=True, kw_only=True):
-    """What every message begins with, behind the name of its schema."""
+    """The common beginning of every message, behind the name of its schema."""
 
     version: int = VERSION
     machine: str
@@ -33,14 +33,16 @@ class _About(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
-    """Whether the program that sends these messages runs; false is the will that the broker keeps for it."""
+    """Whether the sending program runs; false is the will that the broker keeps for it."""
 
     online: bool
 
 
 class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-state"):
-    """How far the survey is. The links are states as in the daemon's journal, empty where no daemon records; ``damage`` says why the last
-    result cannot be read, empty where it can or where there is none."""
+    """Progress of the survey. The links are states as in the daemon's journal, empty where no
+    daemon records; ``damage`` is the reason of an unreadable last result, empty for a readable
+    result or none.
+    """
 
     round: str
     recording: bool
@@ -107,7 +109,7 @@ class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="st
     sha256: str
     rows: tuple[Row, ...]
     conformity: tuple[Judged, ...] = ()
-    """Every figure that has a tolerance, as found; none without one."""
+    """Every figure with a tolerance, as found; empty without one."""
 
 
 Message = Online | State | Findings | ResultMessage
@@ -143,7 +145,9 @@ class Watched:
         return Online(online=online, machine=self._machine, survey=self._name)
 
     def now(self) -> tuple[Message, ...]:
-        """Return the state, findings and result where they can be read; the state names what is wrong with one that cannot."""
+        """Return the state, findings and result if readable; the state names the fault of an
+        unreadable result.
+        """
         last, published, damage, complete, live = None, None, "", False, None
         try:
             live = live_in(self.folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it

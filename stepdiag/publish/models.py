@@ -1,7 +1,8 @@
-"""The information models of the OPC Foundation in a server, from the nodesets that it publishes (folder ``nodesets``, unchanged).
+"""The information models of the OPC Foundation in a server, from its published nodesets (folder
+``nodesets``, unchanged).
 
-OPC 40001-101 (Result Transfer) 1.00.0, and OPC 40501-1 (Machine Tools) 1.01.1 with what it stands on: DI 1.04.0, IA 1.01.2,
-OPC 40001-1 (Machinery) 1.02.0.
+OPC 40001-101 (Result Transfer) 1.00.0, and OPC 40501-1 (Machine Tools) 1.01.1 with its bases: DI
+1.04.0, IA 1.01.2, OPC 40001-1 (Machinery) 1.02.0.
 """
 
 import xml.etree.ElementTree as ET
@@ -31,7 +32,8 @@ async def add_models(server: Server) -> Models:
     for name in ORDER:
         await server.import_xml(xmlstring=importable(name))
     index = await server.get_namespace_index(_URI.format("Machinery/Result"))
-    # The published definition for clients: an extension object on the wire (OPC 10000-6, 5.2.7), of this type or one below it.
+    # The published definition for clients: an extension object on the wire (OPC 10000-6, 5.2.7), of
+    # this type or a subtype.
     node = server.get_node(ua.NodeId(_RESULT, index))
     defined = await node.read_data_type_definition()
     defined.StructureType = ua.StructureType.StructureWithSubtypedValues

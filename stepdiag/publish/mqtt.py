@@ -1,7 +1,7 @@
 """To a broker by MQTT: retained messages at least once, sent when they change, and again after every new connection.
 
-A broker that is away is tried again, ever more seldom; one that refuses ends the program in words. Neither touches the recording, which
-runs in a process of its own and knows nothing of this one.
+An absent broker is tried again, ever more seldom; a refusing broker ends the program in words.
+Neither touches the recording, which runs in a process of its own without a view of this process.
 """
 
 import asyncio
@@ -29,19 +29,21 @@ REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad 
 """Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 ANSWER_S = 10.0
-"""How long a broker may take to answer."""
+"""Longest time for an answer of a broker in s."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
 """Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a broker only acknowledges."""
 PATIENCE_S = 5.0
-"""What a broker has to hear the last words before the program ends."""
+"""Longest time for the last message at the end of the program, in s."""
 
 _log = structlog.get_logger("publish")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """Where and as whom. ``authority`` is a file of certificates to trust instead of the system's; ``secure`` is TLS."""
+    """Address and account of a broker. ``authority`` is a file of certificates to trust instead of
+    the system's; ``secure`` is TLS.
+    """
 
     host: str
     port: int
@@ -59,7 +61,8 @@ class Broker:
 def publish(watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool) -> None:
     """Send until SIGTERM or SIGINT, or everything once.
 
-    Raises DeviceError for a broker that refuses, with ``once`` for one that is away too, and UsageError for certificates that are none.
+    Raises DeviceError for a refusing broker, with ``once`` also for an absent broker, and
+    UsageError for invalid certificates.
     """
     asyncio.run(_Publisher(watched, survey, broker, prefix, every_s).run(once=once))
 
@@ -73,7 +76,7 @@ class _Publisher:
         self._damage = ""
 
     async def run(self, *, once: bool) -> None:
-        """Send until it is to end; a broker that is slow to hear the last words is not waited for."""
+        """Send until the end; the last message does not wait for a slow broker."""
         self._stop = stopped_by_signal()
         stand_back(self._watched.folder, calls=self._broker.port)
         sending, stopped = asyncio.create_task(self._run(once=once)), asyncio.create_task(self._stop.wait())
@@ -162,7 +165,9 @@ class _Publisher:
 
 
 class _Client(aiomqtt.Client):
-    """A client that hears so much at most, and no messages: the library would keep whatever a broker sends, up to 268 MB a packet."""
+    """A client that receives a limited number of bytes, and no messages: the library would keep
+    every packet of a broker, up to 268 MB each.
+    """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -176,7 +181,9 @@ class _Client(aiomqtt.Client):
         )
 
     def let_go(self) -> None:
-        """Close what is open: the library leaves a connection on which something unexpected came, and hears it on and on."""
+        """Close the open connection: after an unexpected packet the library leaves it open and
+        reads on and on.
+        """
         sock = self._client.socket()
         if sock is not None and sock.fileno() >= 0:
             loop = asyncio.get_running_loop()

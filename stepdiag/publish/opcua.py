@@ -27,7 +27,9 @@ from stepdiag.publish.process import stand_back, stopped_by_signal
 from stepdiag.publish.station import Station
 
 MOST_CONNECTIONS, ACTIVATION_S, SESSION_S = 100, 15.0, 120.0
-"""How long a connection may be without a session that is let in, and how long a session outlives its connection."""
+"""Most connections, longest time of a connection without an admitted session, and life of a session
+after its connection, in s.
+"""
 LONGEST_MESSAGE, CHUNK = 262_144, 65_535
 """Bytes of a request: a few hundred times as much comes of it in memory."""
 MOST_SUBSCRIPTIONS, LONGEST_QUEUE, MOST_UNACKNOWLEDGED = 200, 10, 10
@@ -37,7 +39,9 @@ _log = structlog.get_logger("publish")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endpoint:
-    """Where clients connect, and how. Without ``certificate`` and ``key`` nothing is encrypted; with ``user`` nobody comes in nameless."""
+    """Address and security of the server. Without ``certificate`` and ``key`` nothing is encrypted;
+    with ``user`` no anonymous client is admitted.
+    """
 
     host: str
     port: int
@@ -54,7 +58,9 @@ class Endpoint:
 
 
 def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: float) -> None:
-    """Serve until SIGTERM or SIGINT. Raises DeviceError where nobody can listen there, UsageError for a certificate or key that is none."""
+    """Serve until SIGTERM or SIGINT. Raises DeviceError if the address cannot be opened, UsageError
+    for an invalid certificate or key.
+    """
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it tells of every client that leaves early or asks for too much
     asyncio.run(_serve(watched, survey, endpoint, every_s))
 
@@ -118,7 +124,9 @@ async def _loaded(path: Path, load: Callable[[Path], Any]) -> None:
 
 
 def _uri_of(certificate: Any) -> str:
-    """Return the name of the application in its certificate, which clients hold against what the server says of itself."""
+    """Return the name of the application in its certificate, which clients compare with the
+    server's own description.
+    """
     if certificate is None:
         return ""
     from cryptography import x509
@@ -130,10 +138,12 @@ def _uri_of(certificate: Any) -> str:
 
 
 class _Users:
-    """Who may come in: every client to read, or one user with a password. No client may change anything.
+    """Admitted users: every client to read, or a single user with a password. No client may change
+    anything.
 
-    The library opens a channel in the clear for every client, to ask which ones there are, and a session over it too: a client without a
-    certificate has come that way, which an encrypted server (``secure``) refuses here.
+    The library opens a channel in the clear for every client, for the question of its channels, and
+    a session over it too: a client without a certificate has come this way, refused here by an
+    encrypted server (``secure``).
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
@@ -141,7 +151,9 @@ class _Users:
         self._guesses = Guesses(lambda _, count: _log.warning("opcua-password-guessed", count=count))
 
     def get_user(self, iserver: Any, username: str | None = None, password: Any = None, certificate: Any = None) -> User | None:  # noqa: ARG002
-        """Return the user that a name and a password stand for, None where they are wrong, and for a client that comes in the clear."""
+        """Return the user of a name and a password, None if they are wrong, and for a client in the
+        clear.
+        """
         if self._secure and not certificate:
             return None
         if self._user is None:

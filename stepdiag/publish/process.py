@@ -1,4 +1,6 @@
-"""What a program that publishes gives up for the recording beside it, its walls, and how it is ended."""
+"""Privileges and processor share that a publishing program gives up for the recording beside it,
+its walls, and its end.
+"""
 
 import asyncio
 import os
@@ -13,17 +15,19 @@ from stepdiag.walls.confine import confine_publisher, readable_by_program
 MOST_MEMORY = 2**30
 """Bytes of data, whatever comes from the network; a server of OPC UA takes 160 MB of memory."""
 NAMES = ("/etc", "/run/systemd/resolve")
-"""What finds a host by its name, and the authorities of certificates."""
+"""Files for the names of hosts, and the authorities of certificates."""
 BEHIND = 5
-"""How much it stands back (nice)."""
+"""Niceness of the publishing process."""
 
 _log = structlog.get_logger("publish")
 
 
 def stand_back(folder: Path, *, calls: int = 0) -> None:
-    """Leave the processor to the recording where both want it, and memory too; then set up the walls (`stepdiag.walls.confine`).
+    """Leave the processor to the recording if both need it, and memory too; then set up the walls
+    (`stepdiag.walls.confine`).
 
-    ``folder`` is the survey's; ``calls`` is the port of what is called, 0 where others come. What stays open stands in the journal.
+    ``folder`` is the survey's; ``calls`` is the port of the called server, 0 for a server of its
+    own. Open parts of the walls stand in the journal.
     """
     os.nice(BEHIND)
     allowed = [limit for limit in (MOST_MEMORY, *resource.getrlimit(resource.RLIMIT_DATA)) if limit != resource.RLIM_INFINITY]

@@ -36,7 +36,9 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
 
 
 def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[Series]:
-    """Yield one figure over the surveys that state it; a figure of the volume for each volume by itself."""
+    """Yield a figure over the surveys that state it; a figure of the volume for each volume by
+    itself.
+    """
     stating = [(survey, row) for survey, result in found for row in rows_of(result) if row.quantity == quantity]
     if stating:
         rows = [row for _, row in stating]

@@ -81,7 +81,9 @@ class Station:
         self._event = await server.get_event_generator(event, management)
 
     async def _instance(self, parent: Any, name: str, index: int, kind: int, offered: set[str]) -> tuple[Any, dict[str, Any]]:
-        """Add an object of a type of a model; return it with the optional parts that are ``offered``, by name."""
+        """Add an object of a type of a model; return the object with the optional parts that are
+        ``offered``, by name.
+        """
         named = ua.QualifiedName(name, index)
         node = await parent.add_object(ua.NodeId(0, self._own), named, ua.NodeId(kind, index), instantiate_optional=True)
         parts = {(await each.read_browse_name()).Name: each for each in await node.get_children()}
@@ -89,7 +91,9 @@ class Station:
         return node, parts
 
     async def write(self, watched: Watched) -> None:
-        """Write state and findings as they are now, at one moment and of one round, and offer a result that is new."""
+        """Write the present state and findings, of a single moment and round, and offer a new
+        result.
+        """
         state, *result = watched.now()
         values = {name: getattr(state, name) for name in self._values if name != "findings"}
         published: list[tuple[Findings, ResultMessage]] = []
@@ -144,7 +148,7 @@ class Station:
         )  # fmt: skip
 
     async def _variable(self, name: str, result: Any) -> None:
-        """Add the variable of a result, with a component for each of its meta data that has a value."""
+        """Add the variable of a result, with a component for each of its meta data with a value."""
         index, own = self._models.results, self._own
         kind, named = self._server.get_node(ua.NodeId(_RESULT_TYPE, index)), ua.QualifiedName(name, own)
         node, *_ = await instantiate(self._folder, kind, ua.NodeId(0, own), named, ua.LocalizedText(name))
@@ -164,7 +168,9 @@ class Station:
         await node.write_value(ua.Variant(result, ua.VariantType.ExtensionObject))
 
     async def _predict(self, trends: list[Trend]) -> None:
-        """Write a prognosis of maintenance for each figure that leaves its tolerance, in place of those before."""
+        """Write a prognosis of maintenance for each figure that leaves its tolerance, in place of
+        the earlier prognoses.
+        """
         await self._server.delete_nodes(await self._prognoses.get_children(), recursive=True)
         index = self._models.machine_tool
         for each in trends:

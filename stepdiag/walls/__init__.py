@@ -1,4 +1,5 @@
-"""The walls that a process sets up around itself before it meets the first stranger.
+"""The walls of a process around itself before its first foreign client.
 
-In: what of the disk it reads, which port it calls. Out: what the kernel leaves open. Imported by `page`, `publish` and `fleet`.
+In: the files it reads, the port it calls. Out: the rights that the kernel leaves. Imported by
+`page`, `publish` and `fleet`.
 """

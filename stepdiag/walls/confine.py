@@ -1,9 +1,11 @@
-"""The walls that a process sets up around itself before it meets the first stranger: the page, and what publishes.
+"""The walls of a process around itself before its first foreign client: the page, and the
+publisher.
 
-Two walls, since neither stands alone. A filter of system calls (`stepdiag.walls.seccomp`), which every supported kernel has, takes what a
-call does: signals, limits and priorities of others, new sockets, new processes, writing. Landlock (landlock(7)) takes what a call reaches:
-which files are read, and from its later versions on TCP, devices, signals and abstract sockets once more. Limits on the process itself
-(setrlimit(2)) take what both leave. What a kernel refuses is named, all of it.
+Two walls, since neither stands alone. A filter of system calls (`stepdiag.walls.seccomp`), which
+every supported kernel has, takes what a call does: signals, limits and priorities of others, new
+sockets, new processes, writing. Landlock (landlock(7)) takes what a call reaches: which files are
+read, and from its later versions on TCP, devices, signals and abstract sockets once more. Limits on
+the process itself (setrlimit(2)) take what both leave. Every wall that a kernel refuses is named.
 """
 
 import ctypes
@@ -18,7 +20,7 @@ from pathlib import Path
 from stepdiag.walls.seccomp import shut_calls
 
 MOST_DESCRIPTORS = 1024
-"""Three for each connection that is let in (`stepdiag.page.connections`), and spare ones."""
+"""Three for each admitted connection (`stepdiag.page.connections`), and spare descriptors."""
 MOST_MEMORY = 2**30
 """Address space in bytes, of which most is never touched."""
 
@@ -34,13 +36,13 @@ _ALL_OF_THE_DISK = (1 << 13) - 1
 _MORE_OF_THE_DISK = {2: 1 << 13, 3: 1 << 14, 5: 1 << 15}
 """Move between folders; cut off; give orders to devices."""
 _BIND, _CONNECT = 1, 2
-"""TCP, since version 4. What is already bound goes on."""
+"""TCP, since version 4. Bound sockets go on."""
 _SCOPES = 0b11
 """Abstract sockets of others and signals to others, since version 6."""
 
 
 def die_with_parent() -> None:
-    """Have the kernel end this process with the one that started it: an orphan would hold the page's address."""
+    """Have the kernel end this process with its parent: an orphan would hold the page's address."""
     _call("prctl", _PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() == 1:
         os._exit(0)
@@ -60,7 +62,9 @@ def confine(readable: Iterable[Path]) -> Sequence[str]:
 
 
 def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
-    """Give up the same, but for memory and output; where it ``calls`` a port, TCP to that port and what finds a host by its name stay."""
+    """Give up the same, except memory and output; with a port in ``calls``, TCP to this port and
+    the look-up of host names stay.
+    """
     return _walled(readable, calls)
 
 
@@ -78,10 +82,12 @@ OPEN = {
     "signals": 6, "abstract sockets": 6, "UDP and other sockets": 99, "limits and priority of other processes": 99,
     "attributes of files": 99, "new processes": 99,
 }  # fmt: skip
-"""What a process could do to others, each with the version of Landlock that shuts it; 99 is none."""
+"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 is
+none.
+"""
 _NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
 _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
-"""What the filter of calls shuts; of a process that calls, the network is not among it."""
+"""Harm prevented by the filter of calls; of a calling process, the network is not among it."""
 
 
 def _shut_in(readable: Iterable[Path], calls: int) -> int:

@@ -53,13 +53,13 @@ _FILES = {
 }  # fmt: skip
 _ABSENT = {"clone3": (435, 435), "openat2": (437, 437)}
 _FOR_WRITING, _FASTOPEN, _THREAD, _ANY_BIT = 0o1103, 0x20000000, 0x10000, 0xFFFFFFFF
-"""O_WRONLY, O_RDWR, O_CREAT, O_TRUNC; MSG_FASTOPEN; CLONE_THREAD; the process that is meant, 0 for this one."""
+"""O_WRONLY, O_RDWR, O_CREAT, O_TRUNC; MSG_FASTOPEN; CLONE_THREAD; the process itself: 0."""
 _BY_BITS = {
     "open": ((2, _NONE), 1, _FOR_WRITING, False), "openat": ((257, 56), 2, _FOR_WRITING, False), "clone": ((56, 220), 0, _THREAD, True),
     "sendto": ((44, 206), 3, _FASTOPEN, False), "sendmsg": ((46, 211), 2, _FASTOPEN, False),
     "prlimit64": ((302, 261), 0, _ANY_BIT, False),
 }  # fmt: skip
-"""Numbers, the argument, the mask, and whether a bit of it allows the call or refuses it."""
+"""Numbers, the argument, the mask, and whether a set bit allows the call or refuses it."""
 
 _LOAD, _EQUAL, _ABOVE, _BITS, _RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
 _ALLOW, _ERROR, _KILL = 0x7FFF0000, 0x00050000, 0x80000000
@@ -82,7 +82,9 @@ def shut_calls(*, network: bool = False) -> bool:
 
 
 def _program(column: int, architecture: int, refused: Mapping[str, tuple[int, int]]) -> bytes:
-    """Return the filter: each rule is self-contained and jumps over its own answer, so that none depends on the number of others."""
+    """Return the filter: each rule is self-contained and jumps over its own answer, so that no rule
+    depends on the number of others.
+    """
     refuse, absent = _ERROR | errno.EPERM, _ERROR | errno.ENOSYS
     lines = [(_LOAD, 0, 0, 4), (_EQUAL, 1, 0, architecture), (_RETURN, 0, 0, _KILL), (_LOAD, 0, 0, 0)]
     lines += [(_ABOVE, 0, 1, _NEWEST), (_RETURN, 0, 0, absent)]

@@ -1,15 +1,15 @@
-"""One cause over a whole pass: the one wrong statement of the survey file that makes the machine's stops and the laser's steps plausible.
+"""A common cause over a whole pass: the wrong statement of the survey file that makes the machine's
+stops and the laser's steps plausible.
 
-Theory of operation
--------------------
-A wrong line of the survey file spoils every stop in the same way. Judged stop by stop it gives a hundred findings, none of which names the
-line. So the standstills of a pass are judged together, before any of them is reported.
+Theory of operation ------------------- A wrong line of the survey file spoils every stop in the
+same way. Judged stop by stop such a line gives a hundred findings, none of which names the line. So
+the standstills of a pass are judged together, before any of them is reported.
 
 Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or none) and the laser's reading r_i (mm,
 while its count is unbroken). The laser does not pass through the control: its steps are an independent witness of where the machine went.
 
-Hypotheses. The pass starts at the first stop of a route (setup, direction, axis order, box); stop i has the planned position x_i and the
-nominal reading n_i. A cause changes exactly one statement:
+Hypotheses. The pass starts at the first stop of a route (setup, direction, axis order, box); stop i
+has the planned position x_i and the nominal reading n_i. A cause changes exactly one statement:
 
     positions    p = k x + c per axis      offset, sign, factor, permutation, diameter, a register that is not the commanded position
     laser        r_i - r_(i-1) = f (n_i - n_(i-1))          sign, optics factor, unit
@@ -19,18 +19,22 @@ nominal reading n_i. A cause changes exactly one statement:
     route        another axis order, another setup than the code states, another box. Orders that nothing tells apart, because two axes
                  make the same step, are one hypothesis with two values
 
-Likelihood. Every coordinate scatters by `BESIDE_MM` about its hypothesis, or is an outlier with probability `OUTLIER`, spread over
-`RANGE_MM`; every step of the laser likewise, by `STEP_MM` and `STEP_SHARE` of the step. A free number that is fitted to the standstills
-(an offset, a length) costs ln(RANGE_MM / BESIDE_MM), which it needs to be found (Occam's factor, MacKay 2003, chapter 28); a cause costs
-`CAUSE`, the prior odds against a wrong statement. "The file is right" costs nothing; at each
-standstill that is not the next stop (a feed hold, a stop driven twice or not seen) it costs `SINGLE`, over the best path of stops: one odd
-standstill is no cause over a whole pass, two or three that one line explains are.
+Likelihood. Every coordinate scatters by `BESIDE_MM` about its hypothesis, or is an outlier with
+probability `OUTLIER`, spread over `RANGE_MM`; every step of the laser likewise, by `STEP_MM` and
+`STEP_SHARE` of the step. A free number fitted to the standstills (an offset, a length) costs
+ln(RANGE_MM / BESIDE_MM), the price of its search (Occam's factor, MacKay 2003, chapter 28); a cause
+costs `CAUSE`, the prior odds against a wrong statement. "The file is right" costs nothing; each
+standstill that is not the next stop (a feed hold, a stop driven twice or not seen) costs `SINGLE`,
+over the best path of stops: a single odd standstill is no cause over a whole pass, two or three
+explained by a common line are.
 
-Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as the file being right and as every cause
-that changes another line, and when the laser has confirmed two steps of it. Where two causes fit alike no line is named; one finding
-states both lines and the next move that separates them. A pass whose steps fit the file is not judged again; after `LAST` standstills no
-pass is.
+Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
+right file and as every cause that changes another line, and when the laser has confirmed two of its
+steps. Of two causes that fit alike none is named; a finding states both lines and the next move
+that separates them. A pass whose steps fit the file is not judged again; after `LAST` standstills
+no pass is.
 
-What a named cause explains is not raised at single stops (`EXPLAINED`). The machine's signals, not this module, name the stops: they
-are named again from the logs when the file is corrected.
+Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
+signals, not this module, name the stops: they are named again from the logs when the file is
+corrected.
 """

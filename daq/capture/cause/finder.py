@@ -1,4 +1,4 @@
-"""Decides whether one cause spoils a pass, and holds back what it explains."""
+"""Search of a common cause of a pass, with its findings held back."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,14 +18,16 @@ HELD = frozenset(
      "stop-missing", "stop-missed", "stop-lost", "stop-without-reading", "count-disagrees", "count-stuck", "unplanned-setup", "window-step",
      "stop-doubtful", "reading-differs"]
 )  # fmt: skip
-"""What is not raised before the third standstill: one cause may explain it."""
+"""Findings not raised before the third standstill: a common cause may explain them."""
 EXPLAINED = HELD | {
     "position-differs", "place-unknown", "between-stops", "stop-recovered", "other-side", "turned-round", "count-slip", "beam-lost"
 }  # fmt: skip
-"""What is not raised once a cause is named: the logs are read anew by the corrected file, which raises what is left."""
+"""Findings not raised once a cause is named: a reading of the logs by the corrected file raises the
+remaining findings.
+"""
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
-"""Lines that spoil the windows of every pass, also of one whose steps fit the file."""
+"""Lines that spoil the windows of every pass, even of a pass whose steps fit the file."""
 
 Code = Literal["unexpected-position.cause", "wrong-laser-sign.cause", "wrong-axis-order.cause", "step-mismatch.cause"]
 CODES: Mapping[str, Code] = {
@@ -90,12 +92,16 @@ class CauseFinder:
         return [*news, *(self.released() if self.over else [])]
 
     def leave(self) -> list[Finding]:
-        """Judge nothing more of this pass: it shows no laser's steps, or goes on from a log that has been judged."""
+        """Judge nothing more of this pass: it shows no steps of the laser, or continues a judged
+        log.
+        """
         self.over, self.plain = True, not self.named
         return self.released()
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding as far as it is raised now: one that a cause may explain waits for the third standstill, or falls away."""
+        """Return a finding as far as raised now: a finding that a cause may explain waits for the
+        third standstill, or falls away.
+        """
         if found.code not in EXPLAINED or found.severity == "info" or line_named(found) or _is_alike(found):
             return [found]
         if self.found is not None or (self.named and self.over and not self.plain):
@@ -132,7 +138,9 @@ class CauseFinder:
 
 
 def line_named(found: Finding) -> str:
-    """Return the line of the survey file that a finding names as the one cause; empty for another finding."""
+    """Return the line of the survey file named by a finding as the cause; empty for another
+    finding.
+    """
     return _line(found) if found.message is not None and found.message.key in _NAMING else ""
 
 
@@ -150,7 +158,7 @@ def _is_alike(found: Finding) -> bool:
 
 
 def _alike(one: Cause, other: Cause, stops: int) -> Finding:
-    """Return that two causes fit alike, with the next move that tells them apart."""
+    """Return the finding of two causes that fit alike, with the next move that separates them."""
     first, second = (message("line-is", line=each.changes[0][0], value=each.changes[0][1]) for each in (one, other))
     place = Place(setup=one.route.setup)
     stop = one.parts_from(other, stops)

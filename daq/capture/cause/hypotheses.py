@@ -28,7 +28,7 @@ class Library:
     evidence: Evidence
 
     def plain(self, setup: str | None) -> Iterator[Cause]:
-        """Yield the survey file as it is: the next pass out, and the next one back."""
+        """Yield the unchanged survey file: the next pass out, and the next pass back."""
         for outward in (True, False) if setup is not None else ():
             yield Cause(self._route(setup or "", outward=outward))
 
@@ -58,7 +58,7 @@ class Library:
                         changes=(laser_change(self.survey, factor),))  # fmt: skip
 
     def _time_causes(self, route: Route) -> Iterator[Cause]:
-        """Yield a laser or a control that is late, and a stop bit that is early, by as much as any move shows."""
+        """Yield a late laser or control, and an early stop bit, by the delays of the moves."""
         laser_s, plc_s, settle_s = self.survey.laser.latency_s, self.survey.plc.latency_s, self.survey.stop.settle_s
         for both in self._seen_s(lambda move: 0.5 * (move.left_s + move.came_s), lambda move: move.left_s - move.came_s):
             if both > 0:
@@ -72,7 +72,9 @@ class Library:
                             changes=(("stop.settle_s", f"{settle_s + came:.2f}"),))  # fmt: skip
 
     def _seen_s(self, late_s: Callable[[Move], float], off_s: Callable[[Move], float]) -> list[float]:
-        """Return by how much moves are late, each value once: the mean of those that agree; ``off_s`` is zero where a move is so late."""
+        """Return the delays of moves, each value once: the mean of agreeing delays; ``off_s`` is
+        zero for a move of this delay.
+        """
         seen = sorted(
             late_s(move) for each in self.evidence.stands for move in each.moves
             if abs(off_s(move)) < 4 * move.u_s and abs(late_s(move)) > LEAST_LATE_S
@@ -86,7 +88,9 @@ class Library:
         return [round(float(np.median(group)), 2) for group in groups if len(group) >= CONFIRMED]
 
     def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
-        """Yield every other order of the axes; those that nothing tells apart, because two axes make the same step, as one."""
+        """Yield every other order of the axes; orders that nothing separates, because two axes make
+        the same step, as a single cause.
+        """
         alike: dict[bytes, tuple[list[str], Route]] = {}
         for order in map("".join, permutations(AXES)):
             route = self._route(setup, replace(self.survey.planned, axis_order=order))
@@ -99,7 +103,7 @@ class Library:
                             changes=(("volume.axis_order", value),))  # fmt: skip
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
-        """Yield a box with another length of one axis, as the positions show it, else as the steps do."""
+        """Yield a box with another length of an axis, by the positions, else by the steps."""
         for axis in range(3):
             for length_mm in self._lengths_mm(axis, shown, steps, setup):
                 plan = _resized(self.survey.planned, axis, length_mm)
@@ -191,7 +195,9 @@ class Library:
         return Cause(route, axes=axes, kind=f"permuted {axes}", what=message("cause-permuted", shows=shows), changes=changes)
 
     def _code_causes(self, setup: str | None) -> Iterator[Cause]:
-        """Yield every other setup of the plan: the machine drives it, the code states another one."""
+        """Yield every other setup of the plan: the machine drives it, the code states another
+        setup.
+        """
         code = self.evidence.stands[0].signals.setup
         for name in self.hints:
             number = next((number for number, base in SETUP_NUMBERS.items() if base == setup_of(name).base), None)

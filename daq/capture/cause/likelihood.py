@@ -1,4 +1,6 @@
-"""How well a hypothesis fits the standstills of a pass: by positions, by the laser's steps, and by the times of its moves."""
+"""Fit of a hypothesis to the standstills of a pass: by positions, by the laser's steps, and by the
+times of its moves.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -18,9 +20,9 @@ STEP_MM, STEP_SHARE = 0.02, 0.01
 """A step of the laser is off by settling and rounded positions, and by a mirror that leans: the cosine of a bad alignment is 1e-3."""
 OUTLIER = 1e-3
 CAUSE, SURE = 6.0, 7.0
-"""One survey in four hundred has a certain wrong line; one name in a thousand may be wrong."""
+"""A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
 SINGLE = 8.0
-"""One standstill in three thousand is a feed hold, a stop driven twice or one that was not seen."""
+"""A standstill in three thousand is a feed hold, a stop driven twice or an unseen stop."""
 MOVES = {1: 0.0, 0: SINGLE, 2: SINGLE, 3: SINGLE}
 CONFIRMED = 2
 FREE = math.log(RANGE_MM / BESIDE_MM)
@@ -36,7 +38,8 @@ Change = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A move that the laser saw: how much later than the signals it left the standstill before and came to this one, in s, and its length.
+    """A move seen by the laser: its delays in s against the signals, on leaving the standstill
+    before and on arriving, and its length.
 
     ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the polls.
     """
@@ -54,9 +57,10 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Stand:
-    """One standstill: the signals as decoded, what the laser reads (None: nothing), and how often its count was lost until then.
+    """A standstill: the decoded signals, the laser's reading (None: no beam), and the number of
+    losses of its count until then.
 
-    ``moves`` are those of the laser that may be the one to this standstill; none where no plateaus were seen.
+    ``moves`` are the laser's possible moves to this standstill; none without plateaus.
     """
 
     signals: Signals
@@ -93,10 +97,11 @@ def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Mov
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A hypothesis: where the machine drives, what the control shows of it, what the laser reads of it, and the lines to change.
+    """A hypothesis: the machine's path, the control's positions on it, the laser's readings on it,
+    and the lines to change.
 
-    ``factors`` and ``shifts_mm`` map planned positions to those shown, whose axes are taken in the order ``axes``. ``free`` is the number
-    of fitted numbers.
+    ``factors`` and ``shifts_mm`` map planned positions to shown positions, whose axes are taken in
+    the order ``axes``. ``free`` is the number of fitted numbers.
     """
 
     route: Route
@@ -140,7 +145,9 @@ class Evidence:
         return len(self.stands)
 
     def steps_mm(self, late_s: tuple[float, float] = ON_TIME) -> Matrix:
-        """Return the laser's steps between the standstills; where it is late against the signals, those of the moves that it made then."""
+        """Return the laser's steps between the standstills; for a laser late against the signals,
+        the steps of its moves at that time.
+        """
         readings = [math.nan if each.reading_mm is None else each.reading_mm for each in self.stands]
         steps: Matrix = np.diff(np.array(readings))
         if late_s != ON_TIME:
@@ -163,10 +170,12 @@ class Evidence:
         return score
 
     def as_stated(self, route: Route) -> float:
-        """Return the best logarithm of the likelihood of the file as it is, over the ways in which a pass goes wrong at single stops.
+        """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
+        pass at single stops.
 
-        A standstill is the next stop, or for `SINGLE` each the same one again, one or two further on, or no stop at all: then it lies
-        anywhere on the way. Its step counts from the last standstill that is a stop.
+        A standstill is the next stop, or for `SINGLE` each the same stop again, a stop one or two
+        further on, or no stop at all: then it lies anywhere on the way. Its step counts from the
+        last standstill that is a stop.
         """
         shown = self.shown_mm()
         usual_mm = STEP_MM + STEP_SHARE * float(np.median(np.abs(np.diff(route.nominal_mm))))
@@ -207,7 +216,7 @@ class Evidence:
         return sum(move.fits(cause.late_s) for each in self.stands if (move := each.move(cause.late_s)) is not None)
 
     def confirms(self, cause: Cause) -> bool:
-        """Tell whether the laser has confirmed enough steps, or enough moves in time, and no position contradicts."""
+        """Return whether the laser has confirmed enough steps, or enough moves in time, and no position contradicts."""
         shown = self.shown_mm()
         if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > 4 * BESIDE_MM:
             return False
@@ -218,7 +227,7 @@ class Evidence:
         return self.agreeing(cause) >= CONFIRMED
 
     def goes_on(self, route: Route) -> bool:
-        """Tell whether every standstill is the next stop of the route, from its first or its second on, by position and by the laser."""
+        """Return whether every standstill is the next stop of the route, from its first or its second on, by position and by the laser."""
         steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
         for begin in (0, 1):
             places, wanted = route.stops_mm[begin : begin + count], np.diff(route.nominal_mm[begin : begin + count])
@@ -234,7 +243,9 @@ class Evidence:
 
 
 def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
-    """Tell which steps are those wanted, by the measure of a single step (`place.route.agrees`)."""
+    """Return the steps that agree with the expected steps, by the measure of a single step
+    (`place.route.agrees`).
+    """
     return np.array([agrees(step, nominal) for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)])
 
 

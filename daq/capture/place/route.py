@@ -1,7 +1,8 @@
-"""The stops that a pass must make, what the laser must read between them, and where its unbroken count says that the machine stands.
+"""The stops of a pass, the laser's readings between them, and the machine's place by the laser's
+unbroken count.
 
-While the count is unbroken every stop has its reading. It tells a pass that was driven again from one that goes on, a stop that was
-missed from one that was counted twice, and a feed hold from a stop.
+While the count is unbroken every stop has its reading. The readings separate a repeated pass from a
+continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
 """
 
 from collections.abc import Mapping
@@ -94,7 +95,7 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
 
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:
-    """Tell whether a measured step is the nominal one, mirror tilt and machine errors allowed for."""
+    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed for."""
     return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
 
 
@@ -141,7 +142,9 @@ def _place(route: Route) -> str:
 
 
 def _other_axis(route: Route, to_stop: int, measured_mm: float) -> str:
-    """Return the axis of a neighbouring step that the measured one agrees with; empty where there is none."""
+    """Return the axis of a neighbouring step that agrees with the measured step; empty without such
+    an axis.
+    """
     own = route.axis_to(to_stop)
     for stop in range(max(1, to_stop - 2), min(len(route), to_stop + 3)):
         axis = route.axis_to(stop)
@@ -157,7 +160,7 @@ SCALE = 0.002
 
 
 class LaserPlaces:
-    """What the unbroken count says of the stops of a route: readings in mm by stop."""
+    """The stops of a route by the unbroken count: readings in mm by stop."""
 
     def __init__(self, route: Route, known: Mapping[int, float]) -> None:
         self._route = route
@@ -166,7 +169,9 @@ class LaserPlaces:
         self._nowhere: list[float] = []
 
     def stop_at(self, reading_mm: float) -> int | None:
-        """Return the stop that reads so; None where it is the reading of no stop, or too far from any that was measured."""
+        """Return the stop with this reading; None if it is the reading of no stop, or too far from
+        every measured stop.
+        """
         if not self.known:
             return None
         measured = np.array(sorted(self.known))
@@ -187,7 +192,7 @@ class LaserPlaces:
             self.known[stop] = reading_mm
 
     def lost(self) -> None:
-        """Forget everything: the count does not reach back."""
+        """Discard all readings: the count does not reach back."""
         self.known = {}
 
     def after_nowhere(self, reading_mm: float, expected: int) -> int | None:
@@ -203,7 +208,7 @@ class LaserPlaces:
 
 
 def _gaps_mm(route: Route) -> NDArray[np.float64]:
-    """Return the way from each stop to the nearer of its neighbours, as the laser counts it."""
+    """Return the way from each stop to the nearer of its neighbours, in the laser's count."""
     steps = np.abs(np.diff(route.nominal_mm))
     gaps: NDArray[np.float64] = np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf))
     return gaps

@@ -1,4 +1,4 @@
-"""Which pass of the plan the machine drives, which stop of it a dwell is, and whether the laser agrees."""
+"""The driven pass of the plan, the stop of each dwell, and whether the laser agrees."""
 
 from collections.abc import Mapping, Sequence
 from typing import Self
@@ -42,11 +42,15 @@ class Walk:
         self.laser = LaserPlaces(route, known or {})
         self._stuck_reported = False
         self.unsure: Message | None = None
-        """Why the stops are only believed to be those that come next; None where position or laser say it."""
+        """Reason why the stops are only assumed to be the next stops; None if position or laser
+        confirm them.
+        """
         self.nowhere = self.retreated = False
         """The last standstill reads as no stop does; and by the laser's count it was come to as a program comes to its first stop."""
         self.apart: Message | None = None
-        """Why the count of the stops before is not that of the stop that was placed last, though nothing happened to the laser."""
+        """Reason why the count of the stops before differs from that of the stop placed last,
+        without an event of the laser.
+        """
         self.expected = expected
         self.last: CapturedStop | None = None
         self._last_stop = expected - 1
@@ -69,22 +73,24 @@ class Walk:
 
     @property
     def started(self) -> bool:
-        """Tell whether a stop of the pass has a reading: before that the beam is blocked and the mirror aligned as a matter of course."""
+        """Return whether a stop of the pass has a reading: before that the beam is blocked and the mirror aligned as a matter of course."""
         return self._last_reading_mm is not None
 
     @property
     def ended(self) -> bool:
-        """Tell whether the last stop of the route has gone by."""
+        """Return whether the last stop of the route has gone by."""
         return self.expected >= len(self.route)
 
     def is_bounce(self, signals: Signals) -> bool:
-        """Tell whether a dwell is the one already captured: the same count at the same place."""
+        """Return whether a dwell is the one already captured: the same count at the same place."""
         if signals.stop_count is None or signals.stop_count != self._last_count or self.expected == 0:
             return False
         return signals.commanded_mm is None or self.route.find(signals.commanded_mm, self._last_stop) == self._last_stop
 
     def locate(self, signals: Signals) -> tuple[int | None, list[Finding]]:
-        """Return the stop that the machine's signals name, None for a place that is not on the route, and what is odd about it."""
+        """Return the stop named by the machine's signals, None for a place off the route, and the
+        oddities of the place.
+        """
         by_count, odd = self._by_count(signals.stop_count)
         if signals.commanded_mm is None:
             return min(by_count, len(self.route) - 1), odd
@@ -102,15 +108,17 @@ class Walk:
         return index, odd
 
     def _just_turned(self, index: int, count: int | None) -> bool:
-        """Tell whether a counter has nothing against a stop: it does not count, or a pass begins, with a stop at the turn or without."""
+        """Return whether a counter has nothing against a stop: it does not count, or a pass begins, with a stop at the turn or without."""
         if count is None or self._last_count is None:
             return True
         return self.expected == 0 and index in ((steps := count_steps(self._last_count, count)) - 1, steps)
 
     def locate_by_laser(self, signals: Signals, reading_mm: float | None, *, lost: bool) -> tuple[int | None, list[Finding]]:
-        """Return the stop at which the machine stands, None for no stop, and what is odd: its counter says it, the laser knows better.
+        """Return the stop of the standing machine, None for no stop, and its oddities: by the
+        machine's counter, corrected by the laser.
 
-        ``reading_mm`` is what the laser reads, None for nothing; ``lost`` tells that its count does not reach back.
+        ``reading_mm`` is what the laser reads, None for nothing; ``lost``: the laser's count does
+        not reach back.
         """
         by_count, odd = self._by_count(signals.stop_count)
         by_count = min(by_count, len(self.route) - 1)
@@ -131,9 +139,10 @@ class Walk:
         return by_laser, self._compared(by_laser, by_count, counted, odd)
 
     def _unplaced(self, by_count: int, odd: list[Finding], *, lost: bool) -> tuple[int, list[Finding]]:
-        """Return the stop where the laser cannot tell: the program goes on, but one that was left in the middle may have begun anew.
+        """Return the stop if the laser does not decide: the program goes on, but an interrupted
+        program may have begun anew.
 
-        Within a log nobody tells the two apart but by the steps that follow: such stops are doubted.
+        Within a log only the following steps separate the two cases: such stops are doubted.
         """
         if self.last is None and self.expected > 0 and lost:
             return 0, [*odd, self.finding("warning", 0, message("place-unknown.at-first"))]
@@ -142,7 +151,7 @@ class Walk:
         return by_count, odd
 
     def _retreats(self, stop: int, reading_mm: float) -> bool:
-        """Tell whether a standstill is come to as the first stop of a pass is: backwards, or from where the machine stood before."""
+        """Return whether a standstill is come to as the first stop of a pass is: backwards, or from where the machine stood before."""
         if self._last_reading_mm is None:
             return False
         if self.expected == 1:
@@ -153,7 +162,7 @@ class Walk:
         return forward < BACKWARDS
 
     def goes_on(self, since: Sequence[float]) -> bool:
-        """Tell whether the last step of some readings is that to the stop that comes next."""
+        """Return whether the last step of some readings is the step to the next stop."""
         stop = self.expected + (len(since) - 1 if self.nowhere else 0)
         return 0 < stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
 
@@ -199,11 +208,13 @@ class Walk:
         return odd
 
     def counts_on(self, signals: Signals) -> bool:
-        """Tell whether the counter says the next stop, as far as it can say anything."""
+        """Return whether the counter agrees with the next stop, if it can."""
         return self._steps(signals.stop_count) in (None, 1)
 
     def _steps(self, count: int | None) -> int | None:
-        """Return by how many stops the counter went on since the last stop; None where it cannot tell."""
+        """Return by how many stops the counter went on since the last stop; None without
+        evidence.
+        """
         if count is None or self._last_count is None or self.expected == 0:
             return None
         return count_steps(self._last_count, count)
@@ -215,7 +226,9 @@ class Walk:
         return judge_step(self.route, self._last_stop, index, reading_mm - self._last_reading_mm, reading_mm)
 
     def expected_reading_mm(self, index: int) -> float | None:
-        """Return the reading that the geometry wants at a stop, from the stop before; None before the first."""
+        """Return the reading expected by the geometry at a stop, from the stop before; None before
+        the first.
+        """
         if self._last_reading_mm is None or self._last_stop < 0:
             return None
         return self._last_reading_mm + self.route.step_mm(self._last_stop, index)
@@ -239,7 +252,7 @@ class Walk:
         return finding(severity, words, Place(setup=self.route.setup, way=self.way, stop=stop, last=len(self.route) - 1), code=code)
 
     def _stuck(self, count: int) -> list[Finding]:
-        """Return, once a pass, that the machine comes to a stop and does not count it."""
+        """Return, once a pass, the finding of a stop without a new count."""
         reported, self._stuck_reported = self._stuck_reported, True
         return [] if reported else [self.finding("warning", self.expected, message("count-stuck", count=count))]
 
@@ -264,14 +277,16 @@ def _breaks_count(wrong: Message | None) -> bool:
 
 
 def begun_anew(route: Route, readings: Sequence[float]) -> bool:
-    """Tell whether two readings or more make the steps of a route from its first stop on."""
+    """Return whether two readings or more make the steps of a route from its first stop on."""
     if not 1 < len(readings) <= len(route):
         return False
     return all(agrees(step, route.step_mm(stop, stop + 1)) for stop, step in enumerate(np.diff(readings)))
 
 
 class PassFinder:
-    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the pass before it, with which it may begin."""
+    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the pass before, a
+    possible first stop of this pass.
+    """
 
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
@@ -283,9 +298,10 @@ class PassFinder:
         self.turn: CapturedStop | None = None
 
     def follow(self, signals: Signals, reading_mm: float | None = None) -> Walk | Finding | Ended | None:
-        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was reported.
+        """Return the walk of the driven pass; a finding for another pass, None after this finding.
 
-        ``reading_mm`` is what the laser reads now, None where its count does not reach back to the stops of the log before.
+        ``reading_mm`` is the laser's present reading, None if its count does not reach back to the
+        stops of the log before.
         """
         setup = self._setup_of(signals)
         if setup is None:
@@ -297,7 +313,7 @@ class PassFinder:
         return self.walk
 
     def is_head_run(self, signals: Signals) -> bool:
-        """Tell whether the machine drives a run of the 4-DOF head."""
+        """Return whether the machine drives a run of the 4-DOF head."""
         if signals.setup is not None:
             own = SETUP_NUMBERS.get(signals.setup)
             return any(setup_of(name).is_fourdof for name in ([own] if own else self._meant(signals.setup)))
@@ -313,7 +329,9 @@ class PassFinder:
         return next((name for name in named if hints[name].wanted), named[0] if named else None)
 
     def _meant(self, code: int) -> list[str]:
-        """Return the setups that a number may mean: a place in the plan, else any that is wanted or was driven."""
+        """Return the setups that a number may mean: a place in the plan, else any wanted or driven
+        setup.
+        """
         if code not in self._setups:
             self._setups[code] = setups_meant(code, self._planned if code > CODED_FROM else self._start.hints)
         return self._setups[code]
@@ -345,14 +363,18 @@ class PassFinder:
         return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
 
     def _gone_by(self, signals: Signals) -> int | None:
-        """Return how many stops the machine has come to since the last one in the log before; None where its counter does not say."""
+        """Return how many stops the machine has come to since the last one in the log before; None
+        without a counter.
+        """
         if signals.stop_count is None or self._start.last_count is None:
             return None
         steps = count_steps(self._start.last_count, signals.stop_count)
         return steps if 0 < steps <= COUNTER_TRUSTED else None
 
     def _place(self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None) -> int | None:
-        """Return the stop of the outward route at which the machine stands, by its position, else by the laser; None where nobody knows."""
+        """Return the stop of the outward route at which the machine stands, by its position, else
+        by the laser; None if unknown.
+        """
         if signals.commanded_mm is not None:
             return forward.find(signals.commanded_mm, 0)
         return LaserPlaces(forward, hint.known).stop_at(reading_mm) if reading_mm is not None else None
@@ -377,7 +399,7 @@ def _directed(hint: PassHint, there: int, count: int, gone_by: int | None, *, re
 
 
 def _turned(beyond: int, back: int) -> bool:
-    """Tell whether the stops beyond the end of a pass lead to this one of the way back: a program stands at the turn twice, or once."""
+    """Return whether the stops beyond the end of a pass lead to this one of the way back: a program stands at the turn twice, or once."""
     return beyond >= 0 and back in (beyond, beyond + 1)
 
 

@@ -1,4 +1,5 @@
-"""What machine, sensors and streams remark of themselves beside the stops, in words for a person.
+"""Remarks of machine, sensors and streams beside the stops, in words for the operator.
 
-In: registers, air, streams. Out: findings. Imported by the rest of `capture`, and by those who tell what nobody can check.
+In: registers, air, streams. Out: findings. Imported by the rest of `capture`, and by the rooms that
+list unchecked facts.
 """

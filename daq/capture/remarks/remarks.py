@@ -1,6 +1,7 @@
-"""What machine and streams remark of themselves beside the stops: heartbeat, alarms, conditions that are not believed, troubles of a line.
+"""Remarks of machine and streams beside the stops: heartbeat, alarms, rejected conditions, troubles
+of a line.
 
-Alarms and conditions go to the stop they belong to.
+Alarms and conditions go to their stop.
 """
 
 import re
@@ -25,12 +26,14 @@ STILL_NS = 1_500_000_000
 
 
 class Pulse:
-    """Follows the heartbeat of one log. ``still`` tells that it has stood for too long; a machine without one is believed."""
+    """Follows the heartbeat of a log. ``still``: it has stood for too long; a machine without a
+    heartbeat is trusted.
+    """
 
     def __init__(self) -> None:
         self.still = False
         self.beat_ns = 0
-        """The request of the poll that saw it change last: what was read then was of that moment."""
+        """The request of the last poll with a changed heartbeat: its values were of that moment."""
         self._value: int | None = None
         self._heard_ns = 0
 
@@ -49,7 +52,9 @@ class Pulse:
 
 
 class Alarm:
-    """Follows the machine's alarm within a pass: each one is named with its time, and the stop it came before is doubted."""
+    """Follows the machine's alarm within a pass: each alarm is named with its time, and the stop
+    after it is doubted.
+    """
 
     def __init__(self, wall_offset_ns: int) -> None:
         self._wall_offset_ns = wall_offset_ns
@@ -57,7 +62,9 @@ class Alarm:
         self._doubts: list[tuple[int, Message]] = []
 
     def look(self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool) -> Iterator[Finding]:
-        """Look at a poll; yield an alarm that has just come. ``waiting`` says that a standstill is over and not yet taken as a stop."""
+        """Look at a poll; yield an alarm that has just come. ``waiting``: a standstill is over and
+        not yet taken as a stop.
+        """
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
             moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
@@ -67,7 +74,7 @@ class Alarm:
             yield walk.finding("warning", min(walk.expected + waiting, last), words)
 
     def doubts(self, stop: CapturedStop) -> list[Message]:
-        """Return what is to be doubted of a stop: what came before it was over, and is no remark of another one."""
+        """Return the doubts of a stop: an alarm before it was over, and concerns no other stop."""
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts
@@ -98,7 +105,7 @@ def credible_of(stop: CapturedStop) -> dict[str, Credible]:
 
 _FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000
-"""How often the remarks of the streams are asked for."""
+"""Period in ns of the question for the streams' remarks."""
 STREAMS: dict[Link, Message] = {
     "laser": message("stream-laser"),
     "head": message("stream-head"),
@@ -113,7 +120,9 @@ CODES = {"garbage": "bytes-garbled", "gap": "samples-missing", "restart": "instr
 
 
 class StreamRemarks:
-    """Says each kind of trouble with a stream once a log: a wrong baud rate would say it a thousand times a second."""
+    """Reports each kind of trouble with a stream once a log: a wrong baud rate would repeat it a
+    thousand times a second.
+    """
 
     def __init__(self, streams: dict[Stream, StreamBuffer]) -> None:
         self._streams = streams
@@ -121,19 +130,21 @@ class StreamRemarks:
         self._listened_ns = 0
 
     def listen_now_and_then(self, now_ns: int, outcomes: list[Outcome]) -> None:
-        """Say what is new where the last time is a second ago."""
+        """Report new remarks at most once a second."""
         if now_ns - self._listened_ns >= LISTEN_NS:
             self._listened_ns = now_ns
             self.listen(outcomes)
 
     def listen(self, outcomes: list[Outcome]) -> None:
-        """Say what is new; before anything else is reported, so that the order is that of the events."""
+        """Report new remarks; before all other reports, so that the order is that of the events."""
         for stream, buffer in self._streams.items():
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
 
     def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
-        """Report where bytes were lost on the way, each cause once a log: how often it came is the link's own matter."""
+        """Report the places of bytes lost on the way, each cause once a log: the link counts them
+        itself.
+        """
         for cause in causes:
             kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
             if kind not in self._reported:

@@ -19,25 +19,27 @@ OF_THE_STOPS = {
     "heartbeat": message("without-heartbeat"),
     "alarm": message("without-alarm"),
 }
-"""What every survey names; position and setup have findings of their own, conditions stand in the result."""
+"""Signals named in every survey; position and setup have findings of their own, conditions stand in
+the result.
+"""
 WITHOUT = {
     **OF_THE_STOPS,
     "setup": message("signals-absent.setup"),
     "x_mm": message("without-position"),
     **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
 }
-"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
+"""Checks that are lost, or replaced by another source, without a signal (contract 2)."""
 
 
 def places_known(survey: Survey) -> bool:
-    """Tell whether the machine says where it is commanded to stand."""
+    """Return whether the machine sends its commanded position."""
     return survey.plc.silent or all(name in survey.plc.signals for name in POSITIONS)
 
 
 def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
     """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped.
 
-    ``without`` are conditions of which somebody else speaks.
+    ``without`` are conditions reported elsewhere.
     """
     if survey.plc.silent:
         return (finding("warning", message("no-signals", whys=list(_without_signals(survey)))), *assumed(survey, without))
@@ -53,7 +55,9 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
 
 
 def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
-    """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
+    """Return the unmeasured conditions on which the readings depend; empty if they are stated as
+    fixed.
+    """
     if survey.environment.source == "fixed":
         return ()
     measured = (*survey.plc.signal_names, *promised(survey))

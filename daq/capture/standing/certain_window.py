@@ -1,7 +1,8 @@
 """The certain part of a dwell: cut where the count was lost, without what is not yet steady; and from which side the machine came to it.
 
-Who turns round at a stop comes to it once. What it reads there holds for both passes, with the backlash of the way there; and on the way
-back every axis keeps the side of the way there until it moves.
+A machine that reverses at a stop arrives there once. Its reading there holds for both passes, with
+the backlash of the way there; and on the way back every axis keeps the side of the way there until
+it moves.
 """
 
 import math
@@ -17,12 +18,16 @@ from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Span, StreamBuffer
 
 MIN_SAMPLES = 3
-"""Fewer say nothing of their own scatter. A polled display gives no more in a short dwell."""
+"""Fewer samples do not show their own scatter. A polled display gives no more in a short dwell."""
 LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
-"""Who is further away is on the way: no machine swings so far, and no drive overshoots by it."""
+"""Distance in mm beyond which a machine is on its way: no machine swings so far, and no drive
+overshoots by it.
+"""
 AWAY_SHARE = 0.25
-"""Of a step that is shorter, so much; of one of which that is less than `STILL_MM` nothing is reported."""
+"""Share of a shorter step used in its place; for a step whose share is below `STILL_MM` nothing is
+reported.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +43,9 @@ class Taken:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a dwell in which all readings share a zero: those that were taken in it and came before the loss that ends it."""
+    """A part of a dwell whose readings share a zero: taken in it and received before the loss at
+    its end.
+    """
 
     from_ns: float
     to_ns: float
@@ -50,10 +57,11 @@ class Part:
 
 
 def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
-    """Return a dwell cut where the count was lost, or may have been; at least one part, each ending with its last sample.
+    """Return a dwell cut at certain or possible losses of the count; at least one part, each ending
+    with its last sample.
 
-    A loss is known by the arrival of the chunk that shows it. Samples from after it may be in that chunk and have been taken before the
-    dwell's end though they came later than that: they belong to no part.
+    The arrival of the first chunk after a loss is its time. Samples from after the loss may be in
+    this chunk with times before the dwell's end: they belong to no part.
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
     cuts = sorted({event.time_ns for event in stream.breaks if dwell.from_ns < event.time_ns <= latest_ns})
@@ -72,8 +80,9 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
 def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Taken]:
     """Return the means over the certain part of a dwell.
 
-    One is the rule. Where the count was lost in the dwell there may be one before and one after: the machine stood all the while, so they
-    tell by how much the count went wrong. Before a loss only a window without any doubt counts, unless there is no other.
+    A single part is the rule. After a loss of the count in the dwell there may be a part before and
+    a part after: the machine stood all the while, so their difference is the error of the count.
+    Before a loss only a window without any doubt counts, unless there is no other.
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [taken for part in before if (taken := certain_window(stream, part, rules)) is not None]
@@ -135,14 +144,17 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
 
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:
-    """Tell whether the machine came to a standstill from where a step of the pass begins, not from beyond.
+    """Return whether the machine came to a standstill from the beginning of a step of the pass, not
+    from beyond.
 
-    A stop there and one back at the same place differ by the reversal value. Position registers say the place alone; a counter that
-    follows its stops says the direction as well; where there is none, a stop of the way back looks like one of the way out. The laser
-    saw it come.
+    A stop there and a stop back at the same place differ by the reversal value. Position registers
+    give the place alone; a counter that follows its stops gives the direction as well; without a
+    counter, a stop of the way back looks like a stop of the way out. The laser has measured the
+    arrival.
 
-    The standstill begins at ``begin_ns`` and reads what was ``taken``; ``step_mm`` is what the step to it should read. None where nobody
-    saw: too short a step, no samples, a count that may have been lost on the way.
+    The standstill begins at ``begin_ns`` with the reading ``taken``; ``step_mm`` is the expected
+    reading of the step. None if unseen: too short a step, no samples, a count that may have been
+    lost on the way.
     """
     away_mm = min(AWAY_MM, AWAY_SHARE * abs(step_mm))
     if away_mm < STILL_MM:
@@ -162,7 +174,7 @@ CLOSE_NS = 30_000_000
 
 
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Tell whether nothing of a move can have escaped the laser since the last stop of a pass was taken, as far as it is in this log."""
+    """Return whether nothing of a move can have escaped the laser since the last stop of a pass was taken, as far as it is in this log."""
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
     return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
 

@@ -1,7 +1,8 @@
-"""From polls to dwells: what Modbus alone says about the machine standing still.
+"""From polls to dwells: the machine's standstill by Modbus alone.
 
-The machine may already be moving again when a poll says that it stands, and it may have stood since just after the poll before.
-Certain is only the time between the answer to the first poll that saw it standing and the request of the last one.
+The machine may already be moving again at the answer to a standing poll, and it may have stood
+since just after the poll before. Certain is only the time between the answer to the first standing
+poll and the request of the last.
 
     state      observation   next       what happens
     MOVING     moving        MOVING
@@ -17,8 +18,9 @@ Certain is only the time between the answer to the first poll that saw it standi
     BLIND      new           DWELLING   close, open
     BLIND      silent        BLIND
 
-Registers may lag behind the stop signal by some polls, and show the stop before or a place on the way; a stop signal may flicker. Both
-cut one standstill into several dwells. Whether the machine moved in between the laser says (`Standstills`).
+Registers may lag behind the stop signal by some polls, and show the stop before or a place on the
+way; a stop signal may flicker. Both cut one standstill into several dwells. The laser decides
+whether the machine moved in between (`Standstills`).
 """
 
 from collections import Counter
@@ -34,16 +36,22 @@ from stepdiag.daq.capture.standing.window import Placing
 from stepdiag.daq.formats.signals import Signals
 
 STILL_MM = 0.02
-"""A standing machine may be so far off while it comes to rest; the shortest step, and an overrun that takes up the backlash, are longer."""
+"""Largest distance in mm of a standing machine while it comes to rest; the shortest step, and an
+overrun that takes up the backlash, are longer.
+"""
 IN_A_ROW = 3
 """Single wrong lines of a laser are no move."""
 SAME_STOP_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
-"""Positions of one standstill that are distinguished: as many give its median, and a machine may stand for hours."""
+"""Positions of a standstill that are distinguished: as many give its median, and a machine may
+stand for hours.
+"""
 FLICKER_NS = 300_000_000
-"""A stop signal that was away for less has flickered; no machine makes a step in that time and stands again."""
+"""A shorter absence of the stop signal in ns is a flicker; no machine makes a step in this time and
+stands again.
+"""
 
 
 class State(Enum):
@@ -74,11 +82,11 @@ TRANSITIONS: dict[tuple[State, Observation], tuple[State, tuple[Action, ...]]] =
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """One standstill as Modbus saw it.
+    """A standstill by Modbus.
 
-    The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
-    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position read
-    longest; ``blind`` tells that polls failed in between.
+    The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it
+    cannot have stopped before ``not_before_ns`` (the request of the last moving poll). ``signals``
+    are those of the most frequent position; ``blind``: polls failed in between.
     """
 
     from_ns: int
@@ -99,7 +107,7 @@ class DwellTracker:
         self._held_ns: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
-        """Take one poll; return the dwell that it closed, if any."""
+        """Take a poll; return the dwell closed by it, if any."""
         observation = self._observe(signals)
         self.state, actions = TRANSITIONS[self.state, observation]
         closed = None
@@ -143,7 +151,9 @@ class DwellTracker:
             self.open = replace(self.open, blind=True)
 
     def stale(self, since_ns: int) -> None:
-        """Take note that what the polls say is of ``since_ns`` at the latest: the open dwell is certain up to then."""
+        """Note that the values of the polls are not newer than ``since_ns``: the open dwell is
+        certain up to then.
+        """
         self.silent()
         if self.open is not None:
             self.open = replace(self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns)))
@@ -167,7 +177,9 @@ def _median_place(held_ns: Mapping[Place, int]) -> Place:
 
 
 def same_stop(one: Signals, other: Signals) -> bool:
-    """Tell whether two polls saw one stop, as far as counter and commanded position tell; without both, any standstill is the same."""
+    """Return whether two polls saw the same stop, by counter and commanded position; without both,
+    any standstill is the same.
+    """
     if one.stop_count != other.stop_count:
         return False
     if one.commanded_mm is None or other.commanded_mm is None:
@@ -183,22 +195,28 @@ def count_steps(before: int, after: int) -> int:
 STRAYS = 0.1
 """So large a share of the samples between two dwells may be wrong, and the machine stood all the same."""
 MOST = 0.5
-"""Where no move was seen between two dwells, most of the samples of the first tell; its very first ones may still be of the move."""
+"""Share of the first dwell's samples that decides without a seen move between two dwells; its very
+first samples may still be of the move.
+"""
 LEAST_SAMPLES = 3
 RECENT = 9
 RECENT_MS = 50
 """The end of one dwell and the beginning of the next are compared, and all between them. The newest samples of the next may be of the move
 that follows: a stop signal is as old as the PLC's scan."""
 LEAST_MS = 20
-"""A dwell that a single poll saw is looked at for so long, or for as many samples as tell."""
+"""Time in ms for which a dwell seen by a single poll is looked at, unless enough samples come
+first.
+"""
 SAMPLES_MS = 500
-"""How long the samples of a dwell that has just begun are waited for."""
+"""Wait in ms for the samples of a new dwell."""
 MS = 1_000_000
 
 
 @dataclass(slots=True)
 class _Waiting:
-    """A standstill: the dwell that it became, the end of its last part, and how long the part lasts that tells its signals."""
+    """A standstill: its dwell, the end of its last part, and the length of the part behind its
+    signals.
+    """
 
     dwell: Dwell
     end_ns: int
@@ -206,7 +224,9 @@ class _Waiting:
 
 
 class Standstills:
-    """The closed dwells that wait to be taken, in order; those that are one standstill are joined."""
+    """The closed dwells that wait to be taken, in order; dwells of the same standstill are
+    joined.
+    """
 
     def __init__(self) -> None:
         self._waiting: list[_Waiting] = []
@@ -224,9 +244,10 @@ class Standstills:
         return self._waiting[0].dwell
 
     def settled(self, now_ns: int, going_on: Dwell | None, placing: Placing | None) -> bool:
-        """Tell whether the first standstill is over: another one has begun, or the machine has moved for a while.
+        """Return whether the first standstill is over: another one has begun, or the machine has moved for a while.
 
-        ``placing`` is None where no stream tells whether the machine moved: a 4-DOF head does not see its travel.
+        ``placing`` is None without a stream that shows the machine's motion: a 4-DOF head does not
+        see its travel.
         """
         while len(self._waiting) > 1:
             following = self._waiting[1].dwell
@@ -247,9 +268,10 @@ class Standstills:
         return self._taken.dwell
 
     def goes_on(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Tell whether a dwell is the standstill that was taken last once more: the stop signal fell and rose, the machine did not move.
+        """Return whether a dwell is the standstill taken last once more: the stop signal fell and
+        rose, the machine did not move.
 
-        Where no samples tell, counter and position do.
+        Without samples, counter and position decide.
         """
         if self._taken is None:
             return False
@@ -258,19 +280,23 @@ class Standstills:
         return one if one is not None else placed and same_stop(self._taken.dwell.signals, going_on.signals)
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Tell whether all that wait are earlier parts of the dwell that goes on."""
+        """Return whether all waiting dwells are earlier parts of the dwell that goes on."""
         return all(bool(_one(each, going_on, placing)) for each in self._waiting)
 
     def taken_early(self, dwell: Dwell) -> None:
-        """Take note that a standstill was taken while it lasts; all that wait are shorter parts of it."""
+        """Note that a standstill was taken while it lasts; all waiting dwells are its shorter
+        parts.
+        """
         self._waiting, self._taken = [], _alone(dwell)
 
 
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
-    """Tell whether two dwells are one standstill: no move was seen between them, or but for a moment, and the laser stood still.
+    """Return whether two dwells are a single standstill: no move was seen between them, or only for
+    a moment, and the laser stood still.
 
-    Where nobody looked for longer than a step takes, no move was seen because none could be: there the laser must have stood all the time.
-    A count that was lost meanwhile may read the same after a move. None while there are too few samples to tell.
+    If nothing was polled for longer than a step takes, a move would go unseen: then the laser must
+    have stood all the time. A count lost meanwhile may read the same after a move. None with too
+    few samples.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
@@ -288,7 +314,9 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
-    """Return the last of the samples with which a dwell begins, in mm: of those that show it, or of the few that follow."""
+    """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
+    poll, or of the few that follow.
+    """
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_MS * MS))
     shown, begun = np.searchsorted(span.time_ns, [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS])
     beginning: NDArray[np.float64] = span.position_mm[: max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))]
@@ -296,7 +324,9 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those read longest."""
+    """Return two dwells as a single dwell: all of both without a seen move, else the longer part;
+    the signals are the most frequent.
+    """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
         longer = after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell

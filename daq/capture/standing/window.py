@@ -1,4 +1,6 @@
-"""The mean of a standing laser, how sure it is, and what makes a window doubtful by itself; where the laser alone says that it stood."""
+"""The mean of a standing laser, its uncertainty, and the reasons to doubt a window by itself; and
+the machine's standstill by the laser alone.
+"""
 
 import math
 from dataclasses import dataclass
@@ -16,8 +18,9 @@ OUTLIER_SIGMAS = 5.0
 BLOCKS = 256
 """Autocorrelation is looked for on block means: a window of any length costs the same."""
 RESOLUTION_FLOOR_UM = 0.002
-"""Where every sample of a window reads the same, the standard deviation says nothing: one or two nanometres are the least step of
-the finest instrument we know."""
+"""Least uncertainty in um for a window of equal samples, whose standard deviation is zero: one or
+two nanometres are the least step of the finest known instrument.
+"""
 MAD_TO_SIGMA = 1.4826
 BIN_NS = 20_000_000
 QUIET_UM = 3.0
@@ -38,10 +41,11 @@ class Placing(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
-    """Statistics of the samples of one stop.
+    """Statistics of the samples of a stop.
 
-    ``u_um`` is the standard uncertainty of the mean, autocorrelation and resolution included; ``scatter_um`` the standard
-    deviation of the samples; ``slope_um_s`` the trend, ``u_slope_um_s`` how surely it is known (one standard deviation).
+    ``u_um`` is the standard uncertainty of the mean, autocorrelation and resolution included;
+    ``scatter_um`` the standard deviation of the samples; ``slope_um_s`` the trend, ``u_slope_um_s``
+    its standard uncertainty.
     """
 
     mean_mm: float
@@ -57,8 +61,9 @@ class Window:
 def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], resolution_um: float = RESOLUTION_FLOOR_UM) -> Window:
     """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n at least 1.
 
-    ``resolution_um`` is the least step that the instrument is known to show: where all samples agree, that is how sure they are. Samples
-    further than five robust standard deviations from the median are left out: single wrong lines must not move a stop.
+    ``resolution_um`` is the least step known of the instrument: the uncertainty of equal samples.
+    Samples further than five robust standard deviations from the median are left out: single wrong
+    lines must not move a stop.
     """
     centre = float(np.median(position_mm))
     deviation_um = (position_mm - centre) * 1e3
@@ -164,7 +169,7 @@ def find_plateaus(time_ns: NDArray[np.float64], position_mm: NDArray[np.float64]
 STEP_BLOCKS = 32
 LEAST_BLOCKS = 8
 NEAR = 3
-"""A step is sharp: the blocks right beside it differ by most of it. What creeps is a drift."""
+"""Blocks compared on either side of a step: a step is sharp, a slower change is a drift."""
 SHARP = 0.7
 LEAST_STEP_UM = 0.5
 STEP_SIGMAS = 5.0
@@ -174,13 +179,19 @@ WRONG_LINES = 3
 WRONG_SHARE = 0.01
 """Single wrong lines are thrown away without a word; more than so many, and so large a share of the window, are no accident."""
 RESTLESS_UM = 0.02
-"""An instrument that resolves this sees air and floor move: in a machine hall it never sends one value for half a window."""
+"""An instrument of this resolution sees air and floor move: in a machine hall it never sends a
+single value for half a window.
+"""
 FROZEN_SHARE = 0.5
 FROZEN_SAMPLES = 10
 LEAVING_SHARE = 0.1
-"""A PLC says up to one of its scans too long that the machine stands: so large a share of a window's end may show it leave."""
+"""Share of a window's end that may show the machine leave: a PLC reports the standstill up to a
+scan too long.
+"""
 ON_THE_WAY = 0.5
-"""Who leaves is first seen nearer than this share of how far he goes: a count that slips is at once where it stays."""
+"""Share of the way within which a leaving machine is first seen; a slip of the count is at once at
+its end.
+"""
 
 
 def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[Message]:
@@ -201,9 +212,10 @@ def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_
 
 
 def _leaving(position_mm: NDArray[np.float64]) -> int:
-    """Return how many samples at the end of a window are those of a machine that drives on, and may stand elsewhere by then.
+    """Return the number of samples at the end of a window from a machine that drives on, and may
+    stand elsewhere by then.
 
-    It passes what lies between, where a count that slips jumps.
+    The machine passes the places between, while a slip of the count jumps.
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))

@@ -1,4 +1,6 @@
-"""One table with all that acts together with it: what they move along an axis and over the volume, and the regressions on what is asked."""
+"""A table with all tables that act together with it: their movement along an axis and over the
+volume, and the regressions on the requested movement.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +29,9 @@ _EXCUSED = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableCase:
-    """One table, all that act ``together`` with it, what acted ``before``, and the measured volume."""
+    """A table, all tables that act ``together`` with it, the tables active ``before``, and the
+    measured volume.
+    """
 
     table: Table
     together: Sequence[Table]
@@ -40,10 +44,12 @@ class TableCase:
         return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
 
     def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
-        """Return the regression on a curve; None where the table does not cover half of the measured travel.
+        """Return the regression on a curve; None if the table does not cover half of the measured
+        travel.
 
-        A table holds, at its own points, all that acted before and what the curve asks for, and straight lines between: more is not asked
-        of it. ``turn_um_mm`` is what a turn of the workpiece adds to the slope of the curve, which is no error.
+        A table holds, at its own points, the sum of all earlier tables and the curve's request, and
+        straight lines between: no more is asked of it. ``turn_um_mm`` is the addition of a turn of
+        the workpiece to the slope of the curve, which is no error.
         """
         first, last = curve.position_mm[[0, -1]]
         own = curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
@@ -56,7 +62,8 @@ class TableCase:
         asked = centred(held - before)
         moved = centred(self._sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
-        # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
+        # the survey's uncertainty excuses little: the table is judged against this result's
+        # request, not against the machine
         sure = max(SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size))
         bent = asked - np.polyval(np.polyfit(at, asked, 1), at)
         return regress(
@@ -90,7 +97,9 @@ class TableCase:
         return regress(done, asked, sure_um=SURE_UM / 2.0)
 
     def unstepped(self, curve: Curve) -> Curve:
-        """Return a residual without the steps of what acted while it was measured: no table asks for them (`tables.merge`)."""
+        """Return a residual without the steps of the tables active during the measurement: no table
+        asks for them (`tables.merge`).
+        """
         stepped = [each for each in self.before if each.law.between == "stepped" and each.multiplier is None]
         if not stepped:
             return curve
@@ -133,9 +142,10 @@ def cases_shifted(case: TableCase, low_mm: float, high_mm: float) -> Iterator[fl
 
 
 def growing_um(values: Vector, moving: int, by: int) -> Vector:
-    """Return, at the nodes of the axis ``moving``, what of values on a grid grows with the lever along ``by``, at the end of the lever.
+    """Return, at the nodes of the axis ``moving``, the part of values on a grid that grows with the
+    lever along ``by``, at the end of the lever.
 
-    What a curve of one axis can hold, a mean along each axis, is taken off.
+    The part of a single axis' curves, a mean along each axis, is taken off.
     """
     (other,) = {0, 1, 2} - {moving, by}
     left = values - np.mean(values)

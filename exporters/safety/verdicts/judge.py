@@ -1,7 +1,8 @@
-"""The verdict on every table of a set, and on every function without one: words and codes for what `regression` finds.
+"""The verdict on every table of a set, and on every function without a table: words and codes for
+the causes of `regression`.
 
-The comparison looks at the movement that the control's law makes of the table and of all that act beside it, and at the curve that the
-export would write, as far as the table has points to hold it.
+The comparison uses the movement, by the control's law, of the table and of all tables that act
+beside it, and the curve that the export would write, as far as the table has points for it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,10 +26,11 @@ from stepdiag.exporters.tables.tables import Table
 
 
 def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: Profile) -> tuple[Judgement, ...]:
-    """Return a judgement for every table, in their order: by what all that act in the control afterwards do, old tables among them.
+    """Return a judgement for every table, in their order: by the effect of all active tables in the
+    control afterwards, old tables among them.
 
-    Tables that act together (two directions, two kinds for one function) are judged by their sum. One of a function that nobody asked for
-    and that goes on as before is "kept".
+    Tables that act together (two directions, two kinds for a function) are judged by their sum. A
+    table of a function outside the request that goes on as before is "kept".
     """
     after, before = standing.acting(result, profile)
     wanted = Wanted(result)
@@ -45,7 +47,8 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
         or (_of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, turns.get(table.name, 0.0)))
         for table in tables
     ]
-    # a control has zeros for what nobody asked for, and zeros alone take every correction out, as restore files do
+    # a control has zeros for functions outside the request, and zeros alone take every correction
+    # out, as restore files do
     asked = set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
     return tuple(replace(each, code="empty") if each.code == "missing" and each.function not in asked else each for each in judged)
 
@@ -81,7 +84,9 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
 
 
 def _of_product(case: TableCase, result: Result) -> Judgement:
-    """Return the judgement of a product table: it is compared with the part of the field that grows with the same lever."""
+    """Return the judgement of a product table: compared with the part of the field that grows with
+    the same lever.
+    """
     lever = case.table.multiplier
     if lever is None or lever.axis == case.table.input_axis:
         return _says(case, "right", message("lever-along-axis-itself"))
@@ -96,7 +101,7 @@ _CODES: Mapping[Cause, Code] = {"right": "right", "missing": "missing", "sign-tu
 
 
 def _plainly(case: TableCase, found: Explained) -> Judgement:
-    """Return the judgement of a cause that one regression shows."""
+    """Return the judgement of a cause shown by a single regression."""
     code, fit = _CODES.get(found.cause, "unlike"), found.fit
     if fit is None or code == "unlike":
         return _says(case, "unlike", message("nothing-like-what-result"))
@@ -128,10 +133,11 @@ def _fits(case: TableCase, curves: Iterable[Curve], shift_mm: float = 0.0, turn_
 
 
 def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
-    """Return, for each two functions of one pair of axes that both have tables, the slopes in um/mm that are a turn of the workpiece.
+    """Return, for each two functions of a pair of axes with tables for both, the slopes in um/mm
+    that are a turn of the workpiece.
 
-    Old tables, levers and the choice of the function that holds a squareness move such a turn from one calibration into the next: it raises
-    one function by as much as it lowers the other.
+    Old tables, levers and the choice of the function that holds a squareness move such a turn from
+    calibration to calibration: the turn raises a function by as much as it lowers the other.
     """
     left = {case.table.name: case.slope_left_um_mm(curves[0]) for case in cases if (curves := wanted.of(case.table.name))}
     pairs = [(name, f"E{name[2]}{name[1]}") for name in left if name[1] != name[2]]
@@ -139,9 +145,11 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
 
 
 def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` counts for the judgement of ``other``: the same function, and of a curve what products do along its axis.
+    """Return whether ``one`` counts for the judgement of ``other``: the same function, and for a
+    curve the effect of products along its axis.
 
-    Products of one function and lever count together, wherever they stand: a new one may do the work of an old one under other numbers.
+    Products of a function and lever count together, in any place: a new product may do the work of
+    an old product under other numbers.
     """
     if one.multiplier is None or other.multiplier is not None:
         return one.name == other.name
@@ -157,7 +165,7 @@ def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
 
 
 def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
-    """Return a judgement where a function that nobody asked for moves the axis as it did before."""
+    """Return a judgement if a function outside the request moves the axis as before."""
     if table.name in profile.machine.functions or table.multiplier is not None:
         return None
     then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
@@ -174,10 +182,12 @@ def _emptied(case: TableCase) -> Judgement | None:
 
 
 def judge_missing(result: Result, controller: Controller, new: Sequence[Table], profile: Profile) -> Iterator[Judgement]:
-    """Yield a judgement for each function of the profile that the result asks for, that this control holds, and that ``new`` lacks.
+    """Yield a judgement for each function of the profile requested by the result, possible on this
+    control, and missing in ``new``.
 
-    Files that correct nothing lack nothing: they take old tables out. Without a profile the files may hold each squareness in either of
-    its two functions; the distribution counts that lacks least.
+    Files that correct nothing lack nothing: they take old tables out. Without a profile the files
+    may hold each squareness in either of its two functions; the distribution with the fewest gaps
+    counts.
     """
     if not any(table.value_um.any() for table in new):
         return
@@ -194,7 +204,9 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
 
 
 def _asked(result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]) -> Iterator[Curve]:
-    """Yield the curves of a profile that the result knows, that are more than rounding, and that the control has tables for."""
+    """Yield the curves of a profile known to the result, beyond rounding, and with tables on the
+    control.
+    """
     known = [name for name in profile.machine.functions if is_known(result, name, fold)]
     fit = fitted(result, known, fold, profile.zone)
     try:

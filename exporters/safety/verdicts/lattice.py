@@ -1,7 +1,9 @@
-"""A lattice judged function by function: what it adds is taken apart into curves and products, and each is judged as a table would be.
+"""A lattice judged function by function: its addition is taken apart into curves and products, each
+judged like a table.
 
-The curves are the means over the other two axes, the slope of each pair in the one where the contract has the squareness; what grows with
-a lever is a product. Together they are the best that tables could make of the lattice (`tables.fit`), so the verdicts are those of tables.
+The curves are the means over the other two axes, the slope of each pair in the function with the
+squareness by the contract; the part that grows with a lever is a product. Together they are the
+best tables for the lattice (`tables.fit`), so the verdicts are those of tables.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,9 +33,10 @@ Axes = tuple[Vector, Vector, Vector]
 
 
 def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judgement, ...]:
-    """Return a judgement for every function and product of what a lattice with these ``axes_mm`` adds to what was active.
+    """Return a judgement for every function and product of the addition of a lattice with these
+    ``axes_mm`` to the active tables.
 
-    Angles that nobody measured count with what is expected of them, as they do in a lattice.
+    Unmeasured angles count with their expected values, as they do in a lattice.
     """
     parts = parts_of(moved_um, axes_mm, result.volume)
     # no profile enters a judgement of a lattice: the neutral control stands in
@@ -63,7 +66,9 @@ def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
 
 
 def _folded(tables: list[Table]) -> list[Table]:
-    """Return the curves with the slope of each pair in the function that holds the squareness: the rest is a turn of the workpiece."""
+    """Return the curves with the slope of each pair in the function that holds the squareness: the
+    rest is a turn of the workpiece.
+    """
     found = {table.name: table for table in tables}
     for squareness, target in FOLD_DEFAULT.items():
         (other,) = [name for name in SQUARENESS_SLOPE[squareness] if name != target]

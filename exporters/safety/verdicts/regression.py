@@ -1,17 +1,20 @@
-"""Theory of operation: is this table right? The one place where that is decided.
+"""Theory of operation: is this table right? The only place of this decision.
 
-What the files do, by the control's law, is regressed on what the result asks for, function by function:
+The movement by the files, by the control's law, is regressed on the result's request, function by
+function:
 
     moved = factor * asked + rest
 
-The factor is 1 where the table is right and -1 where its sign is turned; it is 1 for another function where two tables are swapped, and at
-another place where the table lies beside the volume; any other factor with a small rest is a table of the wrong size. A large rest is a
-table of something else, and a movement of nothing a missing table. The rest is at right angles to what is asked for, so what a table leaves
-of an error follows from the two: hypot(1 - factor, rest / asked).
+The factor is 1 for a right table and -1 for a turned sign; it is 1 for another function if two
+tables are swapped, and at another place if the table lies beside the volume; any other factor with
+a small rest is a table of the wrong size. A large rest is a table of something else, and a movement
+of nothing a missing table. The rest is at right angles to the request, so a table's residue of an
+error follows from the two: hypot(1 - factor, rest / asked).
 
-Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three sizes excuse a difference. ``sure_um`` is
-what rounding and the result's uncertainty hide. ``unheld_um`` is what the points of the table cannot hold. ``spike_um`` is the largest
-scatter at one place that these two, and a tolerated size, make plausible.
+Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three
+sizes excuse a difference. ``sure_um`` is the part hidden by rounding and the result's uncertainty.
+``unheld_um`` is the part that the points of the table cannot hold. ``spike_um`` is the largest
+plausible scatter at a single place by these two and a tolerated size.
 """
 
 from collections.abc import Iterable, Sequence
@@ -23,15 +26,25 @@ import numpy as np
 from stepdiag.base.volume import Vector, rms
 
 SAME = 0.4
-"""What a table may leave of an error and still be the right one: what another survey of an ordinary machine changes."""
+"""Largest residue of an error, as a share, under a right table: the change found by another survey
+of an ordinary machine.
+"""
 SIZED = 0.15
-"""By what share a table may be larger or smaller than the right one: rounding stays below it in every export."""
+"""Largest share by which a table may differ in size from the right table: rounding stays below it
+in every export.
+"""
 ALIKE = 0.9
-"""Correlation from which a table counts as the right one in another size: what `SAME` leaves of one that has the right size."""
+"""Correlation from which a table counts as the right table in another size: the residue `SAME` of a
+table of the right size.
+"""
 OTHER, EXACT = 0.35, 0.1
-"""What another function may leave to be named; what it, or another place, leaves where it is just that: then it goes before a size."""
+"""Largest residue of another function for its name; and the residue of a clear case of another
+function or place, which goes before a size.
+"""
 SPIKE = 3.0
-"""How often an excused size a table may differ at one place: about the largest of a normal scatter."""
+"""Largest excused difference of a table at a single place over the excused size: about the largest
+of a normal scatter.
+"""
 SURE_UM = 0.2
 """Movements below this are not separated from rounding and noise."""
 
@@ -100,7 +113,9 @@ def regress(
     unheld_um: float = 0.0,
     spike_um: float = np.inf,
 ) -> Fit:
-    """Return the regression of a movement on what is asked for, arrays of one shape; ``size_um`` is that of ``asked_um`` without it."""
+    """Return the regression of a movement on the request, arrays of the same shape; ``size_um`` is
+    the size of ``asked_um`` if given.
+    """
     own = rms(asked_um)
     factor = float(np.mean(moved_um * asked_um)) / own**2 if own > 0.0 else 0.0
     rest = moved_um - factor * asked_um
@@ -112,7 +127,7 @@ def regress(
 
 
 class Explained(NamedTuple):
-    """What a movement is: the cause, the regression that shows it, and of another function or place which."""
+    """Explanation of a movement: the cause, its regression, and the other function or place."""
 
     cause: Cause
     fit: Fit | None = None
@@ -126,10 +141,12 @@ def explain(
     others: Iterable[tuple[str, Fit]] = (),
     shifted: Iterable[tuple[float, Fit]] = (),
 ) -> Explained:
-    """Return what a movement is by its regressions on its ``own`` function, one for each form in which a result may ask for it.
+    """Return the explanation of a movement by its regressions on its ``own`` function, a regression
+    per possible form of the request.
 
-    ``turned`` are the same with the workpiece turned: they show what is right and explain nothing else. ``others`` are regressions on the
-    other functions, ``shifted`` those at other places; they are computed only where they are asked for.
+    ``turned`` are the same with the workpiece turned: they show what is right and explain nothing
+    else. ``others`` are regressions on the other functions, ``shifted`` regressions at other
+    places; they are computed only on demand.
     """
     every = (*own, *turned)
     right = [fit for fit in every if fit.is_right]
@@ -183,8 +200,10 @@ LEAST_SCATTER_UM = 0.1
 
 
 def measured(values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector) -> Measured:
-    """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside them, and those ``held`` (N, H) within a
-    standard deviation of 1 each. ``scatter`` (N, N) is the covariance of the readings but for its size, which the rest shows."""
+    """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside
+    them, and the columns ``held`` (N, H) within a standard deviation of 1 each. ``scatter`` (N, N)
+    is the covariance of the readings except for its size, which the rest shows.
+    """
     size_um = 1.0
     for _ in range(3):  # the scatter sets how much the held columns count, and they change the scatter: it settles in two rounds
         root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))

@@ -17,10 +17,10 @@ HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """The verdict on one table, or on a function that has none (``table`` None).
+    """The verdict on a table, or on a function without a table (``table`` None).
 
-    ``factor`` is the table's size against the right one, ``rms_um`` and ``largest_um`` are its difference from the right one at that
-    size, along the axis; None where there is nothing to compare.
+    ``factor`` is the table's size against the right table, ``rms_um`` and ``largest_um`` are its
+    difference from the right table at this size, along the axis; None without a comparison.
     """
 
     function: str

@@ -1,4 +1,6 @@
-"""The curves that a result asks for, as a table of one axis, or a control with one slope a pair, would hold them."""
+"""The curves requested by a result, in the form of a table of an axis, or of a control with a slope
+per pair.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +14,7 @@ from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 
 
 class Wanted:
-    """The curves that the result asks for, each squareness in one or the other of its two functions."""
+    """The curves requested by the result, each squareness in either of its two functions."""
 
     def __init__(self, result: Result) -> None:
         other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
@@ -26,7 +28,9 @@ class Wanted:
         return self._curves.get(name, [])
 
     def as_slope(self, name: str) -> list[Curve]:
-        """Return the curves for a control that holds one slope for both functions of a pair of axes: that of the other one is added."""
+        """Return the curves for a control with a common slope for both functions of a pair of axes:
+        the slope of the other function is added.
+        """
         plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
@@ -40,7 +44,9 @@ def _with_slope_u(curve: Curve, result: Result) -> Curve:
 
 
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
-    """Return whether a result identifies a function with the squareness that ``fold`` puts into it."""
+    """Return whether a result identifies a function with the squareness that ``fold`` puts into
+    it.
+    """
     try:
         curves_of(result, [name], fold)
     except DataError:

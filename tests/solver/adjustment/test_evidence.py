@@ -9,7 +9,7 @@ from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import counts, steps_of
 from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
-from stepdiag.solver.adjustment.evidence import tell
+from stepdiag.solver.adjustment.evidence import response_of
 from stepdiag.solver.adjustment.faults import families
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.solve import solve
@@ -231,7 +231,7 @@ def test_a_hypothesis_is_the_least_squares_fit_with_one_more_unknown():
     covariance = np.diag(1.0 / fit.weight) + (fit.causes.pattern * fit.size**2) @ fit.causes.pattern.T
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     target = fit.fixed.residual  # what the fixed unknowns leave out changes nothing in what is left for the pattern
-    told = tell(fit, rows, pattern)
+    told = response_of(fit, rows, pattern)
     for place in range(2):
         columns = root @ np.column_stack([fit.rows.dense(), whole[:, place]])
         inverse = np.linalg.pinv(columns.T @ columns)
@@ -245,7 +245,7 @@ def test_what_is_left_of_a_count_is_what_each_pattern_tells_by_itself():
         size = len(count.rows)
         for family in list(families(found.fit, [count]))[:2]:
             places = np.arange(len(family.named))
-            alone = tell(found.fit, count.rows, family.pattern(places))
+            alone = response_of(found.fit, count.rows, family.pattern(places))
             assert family.seen == pytest.approx(np.diag(alone.seen), abs=1e-7)
             assert family.shown == pytest.approx(alone.shown)
         steps = steps_of(size, np.arange(1, size))

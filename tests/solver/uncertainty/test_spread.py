@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.solver.adjustment.evidence import tell
+from stepdiag.solver.adjustment.evidence import response_of
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
@@ -50,7 +50,7 @@ def test_redundancy_is_the_share_of_a_reading_that_shows(done):
     left = np.linalg.inv(covariance) - weighted @ np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True) @ weighted.T
     assert (np.diag(left) / fit.weight)[:count] == pytest.approx(fit.redundancy[:count], abs=1e-5)
     # and a further unknown of one reading is as large as its residual and redundancy say
-    told = tell(fit, np.array([20]), np.ones((1, 1)))
+    told = response_of(fit, np.array([20]), np.ones((1, 1)))
     assert told.shown[0] / told.seen[0, 0] == pytest.approx(fit.residual[20] / fit.redundancy[20], rel=1e-6)
     assert told.seen[0, 0] == pytest.approx(left[20, 20], rel=1e-5)
 

@@ -353,7 +353,7 @@ def test_one_machine_and_unknown_ones(store: Store) -> None:
     assert {each["machine"] for each in json.loads(stepdiag("trend", store.root, "--machine", "still", "--json").out)["series"]} == {
         "still"
     }
-    assert "known are crashed <b>, drifts, still" in stepdiag("trend", store.root, "--machine", "nobody").refusal
+    assert "valid names: crashed <b>, drifts, still" in stepdiag("trend", store.root, "--machine", "nobody").refusal
     assert stepdiag("trend", store.root, "--tolerance", "EXX=5").code == 2
     assert stepdiag("trend", store.root, "--tolerance", f"{RMS}=-5").code == 2
 
