@@ -161,7 +161,7 @@ def table(machines: int) -> None:
     for name, size, survey_of, most in CASES:
         survey = survey_of(size)
         found = driven(survey, size, machines, seed=900)
-        minutes = plan_minutes(replace(survey, pace=Pace()))
+        minutes = plan_minutes(replace(survey, pace=Pace(dwell_s=survey.pace.dwell_s)))
         left = f"{found.rms_um:.2f} | {found.forecast_um:.2f} | {most:g}"
         print(f"| {name} | {size:g} | {len(survey.runs)} | {minutes:.0f} | {left} |", flush=True)
     for back in (False, True):
