@@ -185,7 +185,9 @@ class StopTaker:
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
-            return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else None
+            if came_back:
+                return FROM_BEYOND
+            return FROM_WHERE if self._turn_unseen and along is None else None
         if not self._both_ways or walk.judge(index, taken.window.mean_mm) is not None:
             return None
         along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))

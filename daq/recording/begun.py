@@ -54,4 +54,7 @@ class BegunWords:
         return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
 
     def _length(self) -> int:
-        return self._path.stat().st_size if self._path.exists() else 0
+        try:  # one look, ten times a second
+            return self._path.stat().st_size
+        except OSError:
+            return 0

@@ -129,7 +129,8 @@ def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[D
     stops_wanted = len(route_of(survey.planned, setup, 1)) * len(book.wanted())
     passes = [each for each in book.of(setup) if each.number in book.wanted()]
     again = {drive.pass_number for drive in drives if drive.again}
-    state = "done" if not drives else "running" if running else "again" if again else "to-do"
+    states = (("done", not drives), ("running", running), ("again", again), ("to-do", True))
+    state = next(name for name, holds in states if holds)
     return SetupStatus(
         name=setup,
         passes_wanted=len(book.wanted()),

@@ -77,7 +77,9 @@ class Proof:
     def action(self) -> Literal["keep", "restore", "undecided"]:
         """Return what the states of the tables come to."""
         states = {each.state for each in self.tables}
-        return "restore" if "wrong" in states else "undecided" if "undecided" in states else "keep"
+        if "wrong" in states:
+            return "restore"
+        return "undecided" if "undecided" in states else "keep"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -293,7 +293,9 @@ def _curve_tables(curve: Curve, profile: Profile, options: SiemensOptions, numbe
 def _cec_tables(curve: Curve, profile: Profile) -> int:
     """Return the number of CEC tables of a curve: none for a positioning error in an EEC table."""
     directional = is_directional(curve, profile)
-    return 2 if directional else 0 if curve.name in POSITIONING else 1
+    if directional:
+        return 2
+    return 0 if curve.name in POSITIONING else 1
 
 
 def _possible(products: Sequence[Product]) -> Iterator[Finding]:

@@ -6,12 +6,11 @@ minimal detectable bias). The size needs no reading: a plan states it before the
 after, by the same figures.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag.base.result.members import UnseenSlip, UnseenSlips
 from stepdiag.base.volume import Vector
@@ -41,54 +40,6 @@ KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and their kinds of setups."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unseen:
-    """The step of a count that is seen least, and where: on the way to a stop of a pass; ``u_um``
-    is infinite without evidence.
-    """
-
-    setup: str
-    pass_number: int
-    stop: int
-    u_um: float
-    stands_out: float
-    """Standard uncertainties at which it is separated from chance in half of the surveys."""
-    rows: NDArray[np.int64]
-    """The readings that are off by the slip."""
-
-    @property
-    def place(self) -> str:
-        """Return the pass as a person writes it: ``ppp/1``."""
-        return f"{self.setup}/{self.pass_number}"
-
-    @property
-    def half_um(self) -> float:
-        """Return of which size it is seen in half of the surveys."""
-        return max(self.stands_out * self.u_um, LEAST_UM)
-
-    @property
-    def nearly_um(self) -> float:
-        """Return of which size it is seen in 95 % of them and more."""
-        return max(NEARLY_ALWAYS * self.stands_out * self.u_um, LEAST_UM + 2.0 * self.u_um)
-
-
-def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen | None:
-    """Return the step that is seen least in setups of some kinds; None where there are none of them.
-
-    In a count too short to be looked through nothing is seen, whatever its size.
-    """
-    blind = [_unseen(fit, layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
-    found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout, kinds)]
-    every = blind + found
-    return every[first_of_the_largest([each.u_um for each in every])] if every else None
-
-
-def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
-    u_um = _u_um(fit, count)
-    place = first_of_the_largest(u_um) + 1
-    return _unseen(fit, layout, count.rows, place, float(u_um[place - 1]))
-
-
 def _u_um(fit: MixedFit, count: Count) -> Vector:
     """Return the standard uncertainty of a step before each reading but the first, infinite if
     nothing shows it.
@@ -105,18 +56,6 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
     return standing_out(max(fit.freedom, 1), log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))), MOST_STANDING)
 
 
-def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
-    key = layout.passes[layout.pass_index[rows[place]]]
-    return Unseen(
-        setup=key.setup,
-        pass_number=key.number,
-        stop=int(layout.stop[rows[place]]),
-        u_um=u_um,
-        stands_out=stands_out(fit, layout),
-        rows=rows[place:],
-    )
-
-
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
     """Return for diagonals and runs along an axis the most harmful unseen slip (um; None: of any
     size); None without either.
@@ -126,29 +65,30 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips |
     the passes in which a slip seen in half of the surveys makes more than `TELLS_MORE` times the
     effect of both together: no stated uncertainty holds it.
     """
-    field, report = _Field.of(fit, layout, design), dict[str, UnseenSlip]()
+    field, report, out = _Field.of(fit, layout, design), dict[str, UnseenSlip](), stands_out(fit, layout)
     noise_um = field.noise_um()
     for name, kinds in KINDS.items():
-        blind = [(_unseen(fit, layout, rows, 1, np.inf), np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
-        every = blind + [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count)]
+        # in a count too short to be looked through nothing is seen, whatever its size
+        every = [_Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
+        every += [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count, out)]
         if every:
-            worst, um = every[first_of_the_largest([made for _, made in every])]
-            more = [each.place for each, made in every if np.hypot(made, noise_um) > TELLS_MORE * noise_um > 0.0]
-            report[name] = _slip(worst, um, noise_um, more)
+            worst = every[first_of_the_largest([each.made_um for each in every])]
+            more = [each for each in every if np.hypot(each.made_um, noise_um) > TELLS_MORE * noise_um > 0.0]
+            passes = tuple(layout.passes[layout.pass_index[each.row]].place for each in more)
+            report[name] = _slip(layout, worst, out, noise_um, passes)
     return UnseenSlips(**report) if report else None
 
 
-def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: Unseen) -> float:
-    """Return what a slip that is seen in half of the surveys makes of the errors over the volume, as far as they are identified (rms)."""
-    if not np.isfinite(unseen.u_um):
-        return float(np.inf)
-    made_um = _Field.of(fit, layout, design).made_um(unseen.rows)
-    return unseen.half_um * made_um if made_um > NOTHING_UM else 0.0
+class _Worst(NamedTuple):
+    """The step that does most harm in a pass: the reading that it is before, how well it is known, what it makes of the volume."""
+
+    row: int
+    u_um: float
+    made_um: float
 
 
-def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:
-    """Yield for every pass of a count the step with the largest effect on the volume at a size seen
-    in half of the surveys, and the effect.
+def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
+    """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys.
 
     It is not the least visible step: on a single count a step at the turn hides well, in the
     backlash, and harms no way, whatever its size.
@@ -156,12 +96,27 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
     unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(visible, moved_um * np.maximum(stands_out(field.fit, layout) * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
+    made = np.where(visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)
         place = int(mine[first_of_the_largest(made[mine])])
-        yield _unseen(field.fit, layout, count.rows, place + 1, float(u_um[place])), float(made[place])
+        yield _Worst(row=int(count.rows[place + 1]), u_um=float(u_um[place]), made_um=float(made[place]))
+
+
+def _slip(layout: Layout, worst: _Worst, out: float, noise_um: float, passes: tuple[str, ...]) -> UnseenSlip:
+    key, u_um = layout.passes[layout.pass_index[worst.row]], worst.u_um
+    noticed = bool(np.isfinite(u_um))
+    return UnseenSlip(
+        setup=key.setup,
+        pass_number=key.number,
+        stop=int(layout.stop[worst.row]),
+        half_um=max(out * u_um, LEAST_UM) if noticed else None,
+        nearly_um=max(NEARLY_ALWAYS * out * u_um, LEAST_UM + 2.0 * u_um) if noticed else None,
+        volume_um=worst.made_um if noticed else None,
+        readings_um=noise_um,
+        passes=passes,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -201,24 +156,6 @@ class _Field:
         """Return what a step of 1 um before each reading but the first makes of them, root mean square of the vectors."""
         return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
-    def made_um(self, rows: NDArray[np.int64]) -> float:
-        """Return what 1 um in some readings makes of them, root mean square of the vectors."""
-        return float(self._rms_um(np.sum(self.by_readings[rows], axis=0)))
-
     def _rms_um(self, off_um: Vector) -> Vector:
         found: Vector = np.sqrt(3.0 * np.sum(off_um**2, axis=-1) / self.values)
         return found
-
-
-def _slip(unseen: Unseen, volume_um: float, noise_um: float, passes: Sequence[str]) -> UnseenSlip:
-    noticed = bool(np.isfinite(unseen.u_um))
-    return UnseenSlip(
-        setup=unseen.setup,
-        pass_number=unseen.pass_number,
-        stop=unseen.stop,
-        half_um=unseen.half_um if noticed else None,
-        nearly_um=unseen.nearly_um if noticed else None,
-        volume_um=volume_um if noticed else None,
-        readings_um=noise_um,
-        passes=tuple(passes),
-    )

@@ -66,7 +66,8 @@ def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_],
     free = np.flatnonzero(sought)
     member = (group[:, None] == free).astype(np.float64)
     furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
-    for _ in range((ROUNDS if near is None else ROUNDS_NEAR) if len(free) else 0):
+    rounds = ROUNDS if near is None else ROUNDS_NEAR
+    for _ in range(rounds if len(free) else 0):
         here = sized(mixed, np.exp(log)[group])
         gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])

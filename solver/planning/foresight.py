@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.messages import Words, message
 from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import UnseenSlip
 from stepdiag.base.result.prediction import BELOW, BETWEEN_SHARE, TAIL
 from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.base.result.waves import CURVED
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.scatter import Scatter
-from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
+from stepdiag.solver.adjustment.slips import KINDS, slips_report
 from stepdiag.solver.linear.families import class_factors, hidden_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
@@ -155,26 +156,22 @@ class Foresight:
         return MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1])), design
 
     @cached_property
-    def unseen(self) -> Unseen | None:
-        """Return the least visible slip of the laser's count on a diagonal, None without a
-        diagonal: only shown surveys need it.
-        """
-        return least_seen(self._mixed[0], self.layout, KINDS["diagonals"])
-
-    @cached_property
-    def unseen_volume_um(self) -> float | None:
-        """Return the effect of the least visible slip on the volume's errors (rms), for the slip
-        seen in half of the surveys; infinite if nothing shows it, None without a diagonal.
-        """
-        return None if self.unseen is None else hidden_in_volume_um(self._mixed[0], self.layout, self._mixed[1], self.unseen)
+    def unseen(self) -> UnseenSlip | None:
+        """Return the slip of the laser's count on a diagonal that does most harm unseen (`slips_report`), None without a diagonal: only
+        shown surveys need it."""
+        if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
+            return None
+        found = slips_report(self._mixed[0], self.layout, self._mixed[1])
+        return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return in words what the slip that is seen least may be and make; empty without a diagonal."""
-        if self.unseen is None or self.unseen_volume_um is None:
+        """Return in words what such a slip may be and make; empty without a diagonal."""
+        if self.unseen is None:
             return ""
-        if not np.isfinite(self.unseen.u_um):
+        half_um, volume_um = self.unseen.half_um, self.unseen.volume_um
+        if half_um is None or volume_um is None:
             return message("slip-hidden-any")
-        return message("slip-hidden", half_um=self.unseen.half_um, volume_um=self.unseen_volume_um)
+        return message("slip-hidden", half_um=half_um, volume_um=volume_um)
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:

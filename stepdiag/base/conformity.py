@@ -61,7 +61,9 @@ def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdi
 def together(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the verdict about a machine: not conform by one figure, conform by all."""
     found = set(verdicts)
-    return "not_conform" if "not_conform" in found else "not_decidable" if "not_decidable" in found or not found else "conform"
+    if "not_conform" in found:
+        return "not_conform"
+    return "not_decidable" if "not_decidable" in found or not found else "conform"
 
 
 def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:

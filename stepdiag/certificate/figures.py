@@ -38,7 +38,9 @@ class Figure(NamedTuple):
 def written(value: float, power: int) -> str:
     """Return a number times a power of ten, exact, as the schema has it."""
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
-    return "0" if not scaled else format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+    if not scaled:
+        return "0"
+    return format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
 
 
 def _figure(name: str, unit: str, values: Sequence[float], u: Sequence[float] | None = None, at: Sequence[float] = ()) -> Figure:

@@ -53,7 +53,9 @@ def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
 def _value(name: str, value: bool | float | None) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return _number(value, DECIMALS.get(name, 2)) if isinstance(value, float) else "-" if value is None else str(value)
+    if isinstance(value, float):
+        return _number(value, DECIMALS.get(name, 2))
+    return "-" if value is None else str(value)
 
 
 def _number(value: float | None, decimals: int, unit: str = "") -> str:

@@ -3,7 +3,6 @@ worthwhile additions.
 """
 
 import json
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -90,7 +89,8 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
     changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
     setups = [run.setup for run in chosen.plan.runs]
-    print_words(message("plan-applied", name=str(file), setups=setups, repeats=section.repeats, increments=finer), err=True)
+    figures = {"repeats": section.repeats, "increments": finer}
+    print_words(message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s), err=True)
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -167,11 +167,10 @@ def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
 
     Nothing of a plan without diagonals: there it is not worked out.
     """
-    unseen, volume_um = ahead.unseen, ahead.unseen_volume_um
-    if unseen is None or volume_um is None:
+    unseen = ahead.unseen
+    if unseen is None:
         return {}
-    sizes = {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": volume_um}
-    return {name: size if isfinite(size) else None for name, size in sizes.items()}
+    return {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": unseen.volume_um}
 
 
 def _print(advice: "Advice", *, asked: bool, verbose: bool) -> None:

@@ -100,4 +100,6 @@ def verdict_words(one: Judged, language: Language) -> str:
 
 def probability_words(p: float) -> str:
     """Return a probability in percent, no surer than draws can be."""
-    return "> 99" if p > SURE else "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"
+    if p > SURE:
+        return "> 99"
+    return "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"

@@ -264,15 +264,14 @@ def _calibration_noise(found: Motion, channels: Vector, distance: Vector, head: 
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return the possible deviation of the QD's gain from its straight growth between the two ends,
-    in um of straightness, shape (N, 2).
+    """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um of straightness, shape (N, 2).
 
-    A beam that is parallel at the source grows with the square of its path: by this part it leaves
-    the chord in the middle.
+    A beam with its waist in the middle of its path grows with the square of the way from there: by so much of itself it leaves the chord.
+    The place of the waist is unknown: anything up to this is as probable (GUM 4.3.7).
     """
     radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
     rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
-    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0
+    most = (2.0 * float(np.ptp(distance)) / rayleigh_mm) ** 2 / 8.0 / np.sqrt(3.0)
     bent_um: Vector = 4.0 * share * (1.0 - share) * most * np.abs(found.raw_straightness_um)
     return bent_um
 
@@ -372,18 +371,16 @@ def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
 
 def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
     """Return the functions of a pass free of their end-point lines, and what a pass draws anew of their uncertainty."""
-    return [
-        (one, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))))
-        for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
-    ]
+    return [(one, *_own_line(one, shared)) for one, shared in zip(seen.straightness, seen.shared_um, strict=True)]
+
+
+def _own_line(one: MeasuredStraightness, shared_um: Vector) -> tuple[Vector, Vector]:
+    own_um = np.sqrt(np.maximum(one.u_um**2 - shared_um**2, 0.0))
+    return residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own_um)
 
 
 def _mean_straightness(passes: Sequence[tuple[MeasuredStraightness, Vector]]) -> MeasuredStraightness:
-    lines = []
-    for one, shared in passes:
-        own = np.sqrt(np.maximum(one.u_um**2 - shared**2, 0.0))
-        lines.append((one.position_mm, residuals_um(one.position_mm, one.value_um), with_ends(one.position_mm, own), shared))
-    position, value, u = _mean(lines)
+    position, value, u = _mean([(one.position_mm, *_own_line(one, shared), shared) for one, shared in passes])
     ways = {one.approach for one, _ in passes}
     return MeasuredStraightness(
         name=passes[0][0].name,

@@ -152,7 +152,8 @@ def effect_table(result: Result, reach: Reach | None, left: "AsLeft | None", wor
             row(f"{quantity_words(one, language)} / {UNITS[one.unit]}", quantity, (_between(one), before, after))
     again = words["as_left"] + (f" ({words['not_yet']})" if left is None else "")
     header = (words["name"], words["as_found"], words["predicted"], again)
-    return Table(header=(*header, *((words["tolerance"], words["verdict"]) if tolerance else ())), rows=rows) if rows else None
+    more = (words["tolerance"], words["verdict"]) if tolerance else ()
+    return Table(header=(*header, *more), rows=rows) if rows else None
 
 
 def _cells(figures: tuple[Interval | None, ...], form: Callable[[Interval | None], str]) -> tuple[str, str, str]:

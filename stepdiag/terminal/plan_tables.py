@@ -1,7 +1,6 @@
 """Forecasts of the planner as tables that a person reads in a terminal."""
 
 from collections.abc import Iterator
-from math import isfinite
 
 from rich.table import Table
 
@@ -41,8 +40,8 @@ def in_words(forecast: Forecast) -> Words:
 def _slips(ahead: Foresight) -> Iterator[Words]:
     """Yield how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
     if ahead.unseen is not None:
-        sure = isfinite(ahead.unseen.u_um)
-        yield message("noticed-from", what=ahead.hides(), nearly_um=ahead.unseen.nearly_um) if sure else ahead.hides()
+        nearly_um = ahead.unseen.nearly_um
+        yield ahead.hides() if nearly_um is None else message("noticed-from", what=ahead.hides(), nearly_um=nearly_um)
 
 
 def forecast_table(forecast: Forecast) -> Table:

@@ -306,7 +306,11 @@ def test_what_the_walls_leave_open_is_named_in_both_languages(page: Page) -> Non
     expect(page.locator("#open")).to_be_hidden()
     page.route("**/about.json", lambda route: route.fulfill(json=route.fetch().json() | {"open": ["signals", "UDP and other sockets"]}))
     page.reload()
-    expect(page.locator("#open")).to_have_text("Who takes over this page also has, on this computer: signals, UDP and other sockets.")
+    expect(page.locator("#open")).to_have_text(
+        "An attacker inside this page also reaches, on this computer: signals, UDP and other sockets."
+    )
     page.locator("#language").click()
-    expect(page.locator("#open")).to_have_text("Wer diese Seite übernimmt, hat auf diesem Computer auch: Signale, UDP und andere Sockets.")
+    expect(page.locator("#open")).to_have_text(
+        "Ein Angreifer in dieser Seite erreicht auf diesem Computer auch: Signale, UDP und andere Sockets."
+    )
     page.unroute("**/about.json")

@@ -113,7 +113,7 @@ def test_a_held_value_is_in_the_budget_with_its_age():
     assert with_held(usual, parse_survey(survey_text(), "s"), [held]) == usual, "a laser that puts its air right itself"
     assert held_conditions(passes, {"air_pressure_hpa": 1010.0}) == ()
     (found,) = settled_findings(passes, [], stated={})
-    assert "u = 4 hPa: it is in the uncertainty" in found.text
+    assert "u = 4 hPa, which is in the uncertainty" in found.text
 
 
 def test_air_that_nobody_told_is_assumed_aloud():

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.names import LINEAR_RUNS
 from stepdiag.base.readings.readings import Readings
-from stepdiag.base.readings.runs import Pace, Plan, perfect_readings, plan_minutes
+from stepdiag.base.readings.runs import Pace, Plan, Run, perfect_readings, plan_minutes
 from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.volume import Volume, anywhere_mm, rms
 from stepdiag.solver.methods.solve import solve
@@ -27,6 +28,8 @@ VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increm
 EMPTY = Plan(volume=VOLUME, runs=())
 NOISE_UM, TILT_MRAD = 0.3, 0.3
 MACHINES = 20
+ARRIVAL_UM, DRIFT_UM, WANDER_UM = 0.5, 0.15, 0.1
+"""Of a machine that scatters: of each arrival of an axis, and of a pass."""
 ALIGNING_MIN = 1000.0
 
 
@@ -50,6 +53,22 @@ def drive(survey: Plan, machine: Machine, rng: np.random.Generator) -> Readings:
                 shown = machine.indicated_mm(setup, stops, direction=np.sign(stops[-1] - stops[0]), time_s=np.zeros(len(stops)))
                 noisy = shown + rng.normal(scale=1e-3 * NOISE_UM, size=len(rows))
                 read_mm[rows] = noisy - noisy[0]
+    object.__setattr__(readings, "reading_mm", read_mm)
+    return readings
+
+
+def scattered(readings: Readings, survey: Plan, rng: np.random.Generator) -> Readings:
+    """Return readings with what the axes miss their targets by, each until it moves again, and the drift and the wander of each pass."""
+    read_mm = np.array(readings.reading_mm)
+    for key, rows in readings.passes().items():
+        stops, along = readings.position_mm[rows], np.array(survey.run_of(key.setup).travel.signs) * np.array(survey.volume.size_mm)
+        misses = [rng.normal(scale=ARRIVAL_UM, size=3)]
+        for moved in np.abs(np.diff(stops, axis=0)) > 0.0:
+            misses.append(np.where(moved, rng.normal(scale=ARRIVAL_UM, size=3), misses[-1]))
+        drift = np.cumsum(rng.normal(scale=WANDER_UM / np.sqrt(len(rows)), size=len(rows)))
+        drift += DRIFT_UM * rng.normal() * np.linspace(0, 1, len(rows))
+        added = np.array(misses) @ (along / np.linalg.norm(along)) + drift
+        read_mm[rows] += 1e-3 * (added - added[0])
     object.__setattr__(readings, "reading_mm", read_mm)
     return readings
 
@@ -86,14 +105,18 @@ def about(range_urad: float) -> Circumstances:
     return Circumstances(head=False, assumed=assumed)
 
 
-def driven(survey: Plan, range_urad: float, machines: int, seed: int = 0) -> Driven:
+def driven(survey: Plan, range_urad: float, machines: int, seed: int = 0, *, scatters: bool = False) -> Driven:
     """Drive a survey on drawn machines and solve it."""
     job = about(range_urad)
+    if scatters:
+        job = replace(job, assumed=replace(job.assumed, repeatability_um=ARRIVAL_UM, drift_um=DRIFT_UM, wander_um=WANDER_UM))
     points = anywhere_mm(VOLUME)
     left = []
     for number in range(machines):
         machine = machine_of(range_urad, seed + number)
-        result = solve(drive(survey, machine, np.random.default_rng((seed, number))), chain=job.chain, assumed=job.assumed)
+        rng = np.random.default_rng((seed, number))
+        readings = drive(survey, machine, rng)
+        result = solve(scattered(readings, survey, rng) if scatters else readings, chain=job.chain, assumed=job.assumed)
         error = machine.error_at(points) - error_field_um(result, points)
         left.append(rms(np.linalg.norm(without_rigid_motion(VOLUME, points, error), axis=1)))
     ahead = forecast(survey, job).ahead
@@ -141,3 +164,8 @@ def table(machines: int) -> None:
         minutes = plan_minutes(replace(survey, pace=Pace()))
         left = f"{found.rms_um:.2f} | {found.forecast_um:.2f} | {most:g}"
         print(f"| {name} | {size:g} | {len(survey.runs)} | {minutes:.0f} | {left} |", flush=True)
+    for back in (False, True):
+        survey = replace(EMPTY, runs=tuple(Run(setup=name, return_pass=back) for name in ("ppp", "npp", "pnp", *LINEAR_RUNS)))
+        found = driven(survey, 15.0, 2 * machines, seed=700, scatters=True)
+        left = f"{found.rms_um:.2f} | {found.forecast_um:.2f}"
+        print(f"| six, scattering, {'out and back' if back else 'one way'} | 15 | 6 | {plan_minutes(survey):.0f} | {left} | |", flush=True)

@@ -81,8 +81,7 @@ def _told(found: Forecast):
         "resolved": list(found.resolved),
         "angles": found.angles,
         "assumed": found.assumed.angle_urad,
-        "unseen": ahead.unseen and [ahead.unseen.place, ahead.unseen.stop, ahead.unseen.u_um, ahead.unseen.half_um, ahead.unseen.nearly_um],
-        "unseen_volume_um": ahead.unseen_volume_um,
+        "unseen": ahead.unseen,
         "hides": str(ahead.hides()),
     }
 

@@ -97,9 +97,11 @@ def _of_survey(given, result: Result):
 
 def _table(shares):
     """Return shares by name and source as one row of numbers a name: they are half of a result otherwise."""
-    sources = list(next(iter(shares.values()), {}))
+    sources = list(dict.fromkeys(source for row in shares.values() for source in row))
     # the share of the unknown sizes is a root of what is left of a sum: what it is below a micrometre in a thousand is rounding
-    return {"sources": " | ".join(sources)} | {name: [np.round(row[source], 6) for source in sources] for name, row in shares.items()}
+    return {"sources": " | ".join(sources)} | {
+        name: [np.round(row.get(source, 0.0), 6) for source in sources] for name, row in shares.items()
+    }
 
 
 def shorter(tree):
