@@ -267,7 +267,7 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
     """Return by what the QD's gain leaves its straight growth between the two ends (k = 1), in um of straightness, shape (N, 2).
 
     A beam with its waist in the middle of its path grows with the square of the way from there: by so much of itself it leaves the chord.
-    The place of the waist is unknown: anything up to this is as probable (GUM 4.3.7).
+    Where the waist is, is not known: anything up to that is as probable (GUM 4.3.7).
     """
     radius_mm = 1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1]) if len(head.qd.x.curve.coefficients_um) > 1 else np.inf
     rayleigh_mm = np.pi * radius_mm**2 / (1e-6 * WAVELENGTH_NM)
