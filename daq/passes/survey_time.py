@@ -11,11 +11,9 @@ from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
-"""This program is not older: a clock with an earlier time was never set, or has lost its time
-(1970, 2000, the day of the image).
-
-A test fails if the date is older than the newest version of the CHANGELOG.
-"""
+"""The day of the first release: no log is older, so a clock with an earlier time was never set, or
+has lost its time (1970, 2000, the day of the image). Later releases keep the day: logs of before
+stay dated."""
 
 
 def span_s(book: PassBook) -> tuple[float, float]:
